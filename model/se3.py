@@ -29,7 +29,8 @@ def retract(T: Tensor, delta: Tensor) -> Tensor:
     Returns:
         (B, 4, 4), differentiable in both arguments.
     """
-    return pp.se3(delta).Exp().matrix() @ T
+    step: Tensor = pp.se3(delta).Exp().matrix()
+    return step @ T
 
 
 def pose_log(T: Tensor) -> Tensor:
@@ -72,7 +73,8 @@ def closest_rotation(M: Tensor) -> Tensor:
     U, _, Vh = torch.linalg.svd(M)
     sign = torch.det(U @ Vh).sign()
     fix = torch.stack([torch.ones_like(sign), torch.ones_like(sign), sign], -1)
-    return (U * fix[..., None, :]) @ Vh
+    rotation: Tensor = (U * fix[..., None, :]) @ Vh
+    return rotation
 
 
 def quaternion_xyzw(R: Tensor) -> Tensor:

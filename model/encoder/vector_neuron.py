@@ -9,8 +9,10 @@ _EPSILON = 1e-6
 
 
 class VNLinear(nn.Module):
-    """f W over the channels, the same for x, y and z (paper, section 4.1); no bias, as none can
-    be equivariant."""
+    """f W over the channels, the same for x, y and z (paper, section 4.1).
+
+    No bias, as none can be equivariant.
+    """
 
     def __init__(self, channels_in: int, channels_out: int) -> None:
         super().__init__()
@@ -32,7 +34,7 @@ class VNLeakyReLU(nn.Module):
 
     def forward(self, f: Tensor) -> Tensor:
         """(…, 3, C) → (…, 3, C)."""
-        k = self.direction(f)
+        k: Tensor = self.direction(f)
         along = (f * k).sum(-2, keepdim=True)
         against = along.clamp(max=0.0) / (k.square().sum(-2, keepdim=True) + _EPSILON)
         return f - (1.0 - self.slope) * against * k
@@ -48,7 +50,7 @@ class VNBatchNorm(nn.Module):
     def forward(self, f: Tensor) -> Tensor:
         """(…, 3, C) → (…, 3, C)."""
         length = f.square().sum(-2).add(_EPSILON**2).sqrt()
-        normed = self.norm(length.reshape(-1, length.shape[-1])).reshape(length.shape)
+        normed: Tensor = self.norm(length.reshape(-1, length.shape[-1])).reshape(length.shape)
         return f * (normed / length)[..., None, :]
 
 
@@ -64,7 +66,9 @@ class VNPointNorm(nn.Module):
 
     def forward(self, f: Tensor) -> Tensor:
         """(…, 3, C) → (…, 3, C)."""
-        return f * torch.rsqrt(f.square().sum(-2, keepdim=True).mean(-1, keepdim=True) + self.epsilon)
+        return f * torch.rsqrt(
+            f.square().sum(-2, keepdim=True).mean(-1, keepdim=True) + self.epsilon
+        )
 
 
 class FeatureScale(nn.Module):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
@@ -52,8 +53,7 @@ class VNDgcnn(nn.Module):
         self.lift_norm = VNBatchNorm(channels[0])
         self.lift_activation = VNLeakyReLU(channels[0], slope)
         self.convolutions = nn.ModuleList(
-            EdgeConvolution(c_in, c_out, slope)
-            for c_in, c_out in zip(channels[:-1], channels[1:], strict=True)
+            EdgeConvolution(c_in, c_out, slope) for c_in, c_out in pairwise(channels)
         )
         self.scale: nn.Module = FeatureScale() if normalize else nn.Identity()
 

@@ -26,6 +26,30 @@ class KernelTerms:
     squared_distance: Tensor
 
 
+@dataclass(frozen=True, slots=True)
+class InnerProducts:
+    """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,hZ⟩ of a batch at one ℓ, each (B,)."""
+
+    target: Tensor
+    source: Tensor
+    cross: Tensor
+
+    @property
+    def distance(self) -> Tensor:
+        """d(f_X, f_hZ) = ⟨X,X⟩ + ⟨Z,Z⟩ − 2⟨X,hZ⟩, (B,) (paper, section 4.2)."""
+        return self.target + self.source - 2.0 * self.cross
+
+    @property
+    def similarity(self) -> Tensor:
+        """ρ = ⟨X,hZ⟩ / √(⟨X,X⟩⟨Z,Z⟩), (B,): 1 for equal functions, free of size and scale."""
+        tiny = torch.finfo(self.cross.dtype).tiny
+        return self.cross / (self.target * self.source).clamp_min(tiny).sqrt()
+
+    def detach(self) -> InnerProducts:
+        """The same values outside the autograd graph."""
+        return InnerProducts(self.target.detach(), self.source.detach(), self.cross.detach())
+
+
 def squared_distances(x: Tensor, z: Tensor) -> Tensor:
     """‖x_i − z_j‖² as (B, N, M), by one matrix product."""
     x2 = x.square().sum(-1)[..., :, None]
@@ -89,19 +113,12 @@ class RkhsKernel:
         """⟨f_X, f_Z⟩ = Σ_ij c_ij k(x_i⊕f_i, z_j⊕g_j), (B,)."""
         return self.terms(target, source, lengthscale).value.sum((-1, -2))
 
-    def distance(self, target: CloudFunction, source: CloudFunction, lengthscale: Tensor) -> Tensor:
-        """d(f_X, f_Z) = ⟨X,X⟩ + ⟨Z,Z⟩ − 2⟨X,Z⟩, (B,) (paper, section 4.2)."""
-        return (
-            self.inner_product(target, target, lengthscale)
-            + self.inner_product(source, source, lengthscale)
-            - 2.0 * self.inner_product(target, source, lengthscale)
-        )
-
-    def similarity(
+    def products(
         self, target: CloudFunction, source: CloudFunction, lengthscale: Tensor
-    ) -> Tensor:
-        """ρ = ⟨X,Z⟩ / √(⟨X,X⟩⟨Z,Z⟩), (B,): 1 for equal functions, free of size and scale."""
-        xx = self.inner_product(target, target, lengthscale)
-        zz = self.inner_product(source, source, lengthscale)
-        xz = self.inner_product(target, source, lengthscale)
-        return xz / (xx * zz).clamp_min(torch.finfo(xz.dtype).tiny).sqrt()
+    ) -> InnerProducts:
+        """All three inner products of a pair, from which d and ρ follow."""
+        return InnerProducts(
+            target=self.inner_product(target, target, lengthscale),
+            source=self.inner_product(source, source, lengthscale),
+            cross=self.inner_product(target, source, lengthscale),
+        )

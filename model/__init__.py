@@ -1,0 +1,6 @@
+"""EquivAlign: correspondence-free SE(3) registration in an RKHS of equivariant features."""
+
+from model.registration import Registrar
+from model.result import Diagnostics, Iteration, RegistrationResult
+
+__all__ = ["Diagnostics", "Iteration", "Registrar", "RegistrationResult"]

@@ -1,0 +1,126 @@
+"""Did it work? What the solved pair tells about its own pose."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from model.inner_loop import Solution
+from model.normalization import JointFrame
+from model.result import Iteration
+
+FloatArray = npt.NDArray[np.float64]
+
+# Points of two samplings of one surface lie within this many spacings of each other.
+_INLIER_SPACINGS = 1.5
+_UNIT_RATIO = 10.0
+_LOW_SIMILARITY = 0.5
+_LOW_OVERLAP = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class Overlap:
+    """How much of each cloud has a neighbour in the other at the answer.
+
+    Attributes:
+        source: share of the source's points.
+        target: share of the target's points.
+        distance: that counts as a neighbour, in the input's unit.
+        rmse: over the source's points that have one, in the input's unit; None if none has.
+    """
+
+    source: float
+    target: float
+    distance: float
+    rmse: float | None
+
+    @classmethod
+    def of(
+        cls, target: FloatArray, source: FloatArray, T: FloatArray, spacing: float, scale: float
+    ) -> Overlap:
+        """Measure it in the normalised frame.
+
+        Args:
+            target: (N, 3).
+            source: (M, 3).
+            T: (4, 4) in the frame.
+            spacing: median distance between neighbouring points of one cloud.
+            scale: the frame's unit in the input's.
+        """
+        moved = source @ T[:3, :3].T + T[:3, 3]
+        reach = _INLIER_SPACINGS * spacing
+        to_target = np.asarray(KDTree(target).query(moved)[0])
+        to_source = np.asarray(KDTree(moved).query(target)[0])
+        inliers = to_target[to_target <= reach]
+        rmse = float(np.sqrt(np.mean(inliers**2))) * scale if len(inliers) else None
+        return cls(
+            source=len(inliers) / len(moved),
+            target=float(np.mean(to_source <= reach)),
+            distance=reach * scale,
+            rmse=rmse,
+        )
+
+
+def iterations(solution: Solution, scale: float) -> list[Iteration]:
+    """The steps of a batch of one, lengths in the input's unit."""
+    return [
+        Iteration(
+            lengthscale=step.lengthscale.item() * scale,
+            rkhs_distance=step.products.distance.item(),
+            similarity=step.products.similarity.item(),
+            step_rotation_deg=math.degrees(step.rotation.item()),
+            step_translation=step.translation.item() * scale,
+        )
+        for step in solution.steps
+    ]
+
+
+def warn(
+    target: FloatArray,
+    source: FloatArray,
+    frame: JointFrame,
+    similarity: float,
+    overlap: Overlap,
+    converged: bool,
+) -> list[str]:
+    """What a careful user would want to know, in plain words.
+
+    Args:
+        target: (N, 3) in the frame.
+        source: (M, 3) in the frame.
+        frame: of the pair.
+        similarity: ρ at the answer.
+        overlap: at the answer.
+        converged: whether the inner loop did.
+    """
+    said = []
+    ratio = _rms(target) / _rms(source)
+    if max(ratio, 1.0 / ratio) >= _UNIT_RATIO:
+        said.append(
+            f"the extents differ {max(ratio, 1.0 / ratio):.3g}-fold: are both clouds in the same "
+            "unit? A rigid motion can't change the scale"
+        )
+    for name, cloud in (("target", target), ("source", source)):
+        if _flatness(cloud) < 1e-3:
+            said.append(f"the {name} is flat: the pose may slide or flip within its plane")
+    if not converged:
+        said.append("the last stage stopped before it converged")
+    if similarity < _LOW_SIMILARITY:
+        said.append(f"low similarity (ρ = {similarity:.2f}): the pose explains little")
+    if min(overlap.source, overlap.target) < _LOW_OVERLAP:
+        said.append("low overlap: most points of one cloud have no neighbour in the other")
+    return said
+
+
+def _rms(points: FloatArray) -> float:
+    return float(np.sqrt(np.mean(np.sum(points**2, axis=1))))
+
+
+def _flatness(points: FloatArray) -> float:
+    """Ratio of the smallest to the largest standard deviation."""
+    variance = np.linalg.eigvalsh(np.cov(points.T))
+    return float(np.sqrt(max(variance[0], 0.0) / variance[2]))

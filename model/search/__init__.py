@@ -1,0 +1,15 @@
+"""Global search: start poses, kernel fields, pruning and selection."""
+
+from model.search.hypotheses import KINDS, Hypotheses, hypothesise, within
+from model.search.multi_start import SearchSettings, coarse_to_fine
+from model.search.selection import selection_score
+
+__all__ = [
+    "KINDS",
+    "Hypotheses",
+    "SearchSettings",
+    "coarse_to_fine",
+    "hypothesise",
+    "selection_score",
+    "within",
+]
