@@ -1,0 +1,1 @@
+"""Training: data, losses, curriculum and the command line."""

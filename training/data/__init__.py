@@ -1,0 +1,1 @@
+"""Shapes, pairs and the data modules that feed the training."""
