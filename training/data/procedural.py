@@ -67,14 +67,15 @@ class ProceduralShapes(Dataset[Shape]):
             raise IndexError(number)
         for attempt in range(_ATTEMPTS):
             random = numpy_generator(self.seed, Stream.SHAPE, number, attempt)
-            surface = _visible_surface(random_assembly(random), self.points_per_shape, random)
-            if surface is None:
+            assembly = Assembly(random_assembly(random))
+            # A few points tell whether the shape will do; only then the rest is worth its time.
+            trial = assembly.visible_surface(2 * _SIMILARITY_SAMPLES, random)
+            if trial is None or self._too_symmetric(trial[0]):
                 continue
-            points = unit_sphere(torch.from_numpy(surface[0])).float()
-            score = self_similarity(points, _SIMILARITY_SAMPLES, _SIMILARITY_STEP_DEG)
-            if score < self.symmetry_below:
-                normals = torch.from_numpy(surface[1]).float()
-                return Shape(points, normals, f"procedural-{self.seed}-{number}")
+            surface = assembly.visible_surface(self.points_per_shape, random)
+            if surface is not None:
+                points, normals = (torch.from_numpy(array).float() for array in surface)
+                return Shape(unit_sphere(points), normals, f"procedural-{self.seed}-{number}")
         raise InvalidOptionError(
             f"none of {_ATTEMPTS} shapes is asymmetric enough",
             field="symmetry_below",
@@ -82,36 +83,52 @@ class ProceduralShapes(Dataset[Shape]):
             mend="give a value closer to 1",
         )
 
-
-def _visible_surface(
-    parts: list[Part], count: int, random: np.random.Generator
-) -> tuple[FloatArray, FloatArray] | None:
-    """Points (count, 3) and normals outside of the union, or None where most area is inside."""
-    triangles = [part.triangles() for part in parts]
-    owner = np.repeat(np.arange(len(parts)), [len(t) for t in triangles])
-    corners = np.concatenate(triangles)
-    points = np.empty((0, 3))
-    normals = np.empty((0, 3))
-    drawn = 0
-    while len(points) < count:
-        if drawn > 0 and len(points) < _LEAST_VISIBLE_SHARE * drawn:
-            return None
-        wanted = int(1.5 * (count - len(points))) + 64
-        candidates, outward, triangle = sample_triangles(corners, wanted, random)
-        seen = ~_hidden(candidates, owner[triangle], parts, triangles)
-        points = np.concatenate([points, candidates[seen]])
-        normals = np.concatenate([normals, outward[seen]])
-        drawn += wanted
-    return points[:count], normals[:count]
+    def _too_symmetric(self, points: FloatArray) -> bool:
+        cloud = unit_sphere(torch.from_numpy(points)).float()
+        score = self_similarity(cloud, _SIMILARITY_SAMPLES, _SIMILARITY_STEP_DEG)
+        return score >= self.symmetry_below
 
 
-def _hidden(
-    points: FloatArray, owner: IntArray, parts: list[Part], triangles: list[FloatArray]
-) -> BoolArray:
-    """Which of the points (n, 3) lie inside a part other than their own (n,)."""
-    hidden = np.zeros(len(points), dtype=bool)
-    for number, (part, corners) in enumerate(zip(parts, triangles, strict=True)):
-        low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
-        near = ((points > low) & (points < high)).all(axis=1) & (owner != number) & ~hidden
-        hidden[near] = part.holds(points[near])
-    return hidden
+class Assembly:
+    """The union of some parts, as it is seen from outside.
+
+    Args:
+        parts: solids in their places; they may overlap.
+    """
+
+    def __init__(self, parts: list[Part]) -> None:
+        self.parts = parts
+        triangles = [part.triangles() for part in parts]
+        self._triangles = np.concatenate(triangles)
+        self._owner = np.repeat(np.arange(len(parts)), [len(t) for t in triangles])
+        self._boxes = [(t.min(axis=(0, 1)), t.max(axis=(0, 1))) for t in triangles]
+
+    def visible_surface(
+        self, count: int, random: np.random.Generator
+    ) -> tuple[FloatArray, FloatArray] | None:
+        """Points (count, 3) and normals outside of the union, or None where most area is inside."""
+        points = np.empty((0, 3))
+        normals = np.empty((0, 3))
+        drawn = 0
+        while len(points) < count:
+            if drawn > 0 and len(points) < _LEAST_VISIBLE_SHARE * drawn:
+                return None
+            wanted = int(1.4 * (count - len(points))) + 64
+            candidates, outward, triangle = sample_triangles(self._triangles, wanted, random)
+            seen = ~self._hidden(candidates, self._owner[triangle])
+            points = np.concatenate([points, candidates[seen]])
+            normals = np.concatenate([normals, outward[seen]])
+            drawn += wanted
+        return points[:count], normals[:count]
+
+    def _hidden(self, points: FloatArray, owner: IntArray) -> BoolArray:
+        """Which of the points (n, 3) lie inside a part other than their own (n,)."""
+        hidden = np.zeros(len(points), dtype=bool)
+        columns = np.ascontiguousarray(points.T)
+        for number, (part, (low, high)) in enumerate(zip(self.parts, self._boxes, strict=True)):
+            near = (owner != number) & ~hidden
+            for column, least, most in zip(columns, low, high, strict=True):
+                near &= (column > least) & (column < most)
+            rows = np.flatnonzero(near)
+            hidden[rows] = part.holds(points[rows])
+        return hidden

@@ -206,7 +206,7 @@ def sample_triangles(
     """
     origin, u, v = _spanned(triangles)
     normal = np.cross(u, v)
-    twice_area = np.linalg.norm(normal, axis=1)
+    twice_area = np.sqrt(np.einsum("ij,ij->i", normal, normal))
     cumulated = np.cumsum(twice_area)
     chosen = np.searchsorted(cumulated, random.random(count) * cumulated[-1], side="right")
     chosen = np.minimum(chosen, len(triangles) - 1)

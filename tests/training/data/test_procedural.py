@@ -6,7 +6,7 @@ import torch
 
 from model.exceptions import InvalidOptionError
 from training.data.composition import random_assembly
-from training.data.procedural import ProceduralShapes, _visible_surface
+from training.data.procedural import Assembly, ProceduralShapes
 from training.data.seeding import numpy_generator
 from training.data.symmetry import self_similarity
 
@@ -38,7 +38,7 @@ def test_a_shape_depends_on_seed_and_number_alone(shapes: ProceduralShapes) -> N
 def test_no_point_lies_inside_another_part() -> None:
     random = numpy_generator(1)
     parts = random_assembly(random)
-    surface = _visible_surface(parts, 1500, random)
+    surface = Assembly(parts).visible_surface(1500, random)
     assert surface is not None
     points, normals = surface
     held = np.mean([part.holds(points + 1e-3 * normals) for part in parts], axis=1)
@@ -48,9 +48,13 @@ def test_no_point_lies_inside_another_part() -> None:
 
 
 def test_symmetric_shapes_are_drawn_again() -> None:
-    strict = ProceduralShapes(points=2048, seed=0, symmetry_below=0.8)
-    scores = [self_similarity(strict[number].points, 128, 30.0) for number in range(6)]
-    assert max(scores) < 0.8
+    strict = ProceduralShapes(points=1024, seed=0, symmetry_below=0.75)
+    lax = ProceduralShapes(points=1024, seed=0, symmetry_below=2.0)
+    scores = [self_similarity(strict[number].points) for number in range(6)]
+    usual = [self_similarity(lax[number].points) for number in range(6)]
+    # The generator measures on few points, so up to their sampling noise.
+    assert max(scores) < 0.85
+    assert np.mean(scores) < np.mean(usual) - 0.05
     with pytest.raises(InvalidOptionError, match="symmetry_below"):
         ProceduralShapes(points=512, seed=0, symmetry_below=0.0)[0]
 
