@@ -13,7 +13,8 @@ import os
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
@@ -98,9 +99,20 @@ def write_points(path: Path, points: FloatArray, field: str = "out") -> None:
         CloudFileError: the file can't be written there.
     """
     write = _find(_WRITERS, path.name, field)
+    with complete_file(path, field) as unfinished:
+        write(unfinished, points)
+
+
+@contextmanager
+def complete_file(path: Path, field: str) -> Iterator[Path]:
+    """A path to write to, of the same suffix, that becomes ``path`` once all went well.
+
+    Raises:
+        CloudFileError: the file can't be written there.
+    """
     unfinished = path.with_name(f".{path.stem}.{uuid4().hex}{path.suffix}")
     try:
-        write(unfinished, points)
+        yield unfinished
         os.replace(unfinished, path)
     except OSError as error:
         raise CloudFileError(

@@ -66,7 +66,7 @@ def npz(**arrays: np.ndarray) -> bytes:
 
 @pytest.mark.parametrize("suffix", FORMATS)
 def test_what_is_written_is_read_again(tmp_path: Path, points: np.ndarray, suffix: str) -> None:
-    far = points + [500_000.0, 5_000_000.0, 100.0]
+    far = points + np.array([500_000.0, 5_000_000.0, 100.0])
     cloud = far.astype(np.float32).astype(np.float64) if suffix == ".pcd" else far
     path = tmp_path / f"cloud{suffix}"
     write_points(path, cloud)

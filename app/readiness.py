@@ -1,0 +1,66 @@
+"""The service's registrar, from the first moment to the answer that all is ready."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import structlog
+from anyio import to_thread
+
+from app.example_pair import example_pair
+from model import Registrar
+from model.exceptions import EquivAlignError
+
+_log = structlog.get_logger()
+
+
+class NotReadyError(EquivAlignError):
+    """The service can't register yet."""
+
+
+class Readiness:
+    """Loads the registrar once and warms it up, while the service already answers probes.
+
+    Args:
+        load: gives the registrar; may block.
+    """
+
+    def __init__(self, load: Callable[[], Registrar]) -> None:
+        self._load = load
+        self._registrar: Registrar | None = None
+        self._failure: str | None = None
+
+    @property
+    def registrar(self) -> Registrar:
+        """The loaded and warmed registrar.
+
+        Raises:
+            NotReadyError: it is still loading, or can't be loaded.
+        """
+        if self._failure is not None:
+            raise NotReadyError(
+                f"the artifact can't be used: {self._failure}", mend="the operator has to mend it"
+            )
+        if self._registrar is None:
+            raise NotReadyError("the artifact is being loaded", mend="try again in some seconds")
+        return self._registrar
+
+    async def prepare(self) -> None:
+        """Load and warm up off the event loop; a failure is logged and kept for the probes."""
+        try:
+            self._registrar = await to_thread.run_sync(self._load_and_warm_up)
+        except EquivAlignError as error:
+            self._failure = str(error)
+            _log.error("not ready", problem=str(error))
+        except Exception:
+            # The event loop must live on: probes tell what is wrong.
+            self._failure = "loading failed unexpectedly"
+            _log.exception("not ready")
+        else:
+            _log.info("ready")
+
+    def _load_and_warm_up(self) -> Registrar:
+        registrar = self._load()
+        pair = example_pair()
+        registrar.register(pair.source, pair.target)
+        return registrar

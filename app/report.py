@@ -1,0 +1,153 @@
+"""One HTML page about one registration, complete in itself: it loads nothing from anywhere."""
+
+from __future__ import annotations
+
+from html import escape
+from pathlib import Path
+from string import Template
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import plotly.graph_objects as go
+from plotly.offline import get_plotlyjs
+from plotly.subplots import make_subplots
+
+from app.findings import findings
+from model import Iteration, RegistrationResult
+from model.cloud_file import complete_file
+
+FloatArray = npt.NDArray[np.float64]
+
+SHOWN_POINTS = 5000
+
+# Blue and orange stay apart for colour-blind readers, on white and on black.
+_SOURCE, _TARGET = "#e08214", "#3b8fd4"
+_TEMPLATE = Path(__file__).with_name("report.html")
+
+
+def write_report(
+    path: Path,
+    title: str,
+    source: FloatArray,
+    target: FloatArray,
+    result: RegistrationResult,
+) -> None:
+    """Write the page: both clouds before and after, the convergence, the pose and diagnostics.
+
+    Args:
+        path: the HTML file to write.
+        title: names the pair.
+        source: (M, 3), in the input's unit.
+        target: (N, 3), in the input's unit.
+        result: of their registration.
+
+    Raises:
+        CloudFileError: the file can't be written there.
+    """
+    # Far from the origin, as in UTM, the browser's float32 would move the points.
+    origin = target.mean(axis=0)
+    shown_source, shown_target = _thin(source), _thin(target)
+    page = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        title=escape(title),
+        plotly=get_plotlyjs(),
+        before=_figure(_clouds(shown_source - origin, shown_target - origin), "before"),
+        after=_figure(
+            _clouds(result.transform(shown_source) - origin, shown_target - origin), "after"
+        ),
+        convergence=_figure(_convergence(result.diagnostics.trace), "convergence"),
+        shown=_shown(source, target),
+        pose=_pose_rows(result),
+        findings="".join(
+            f"<tr><th>{escape(subject)}</th><td>{escape(statement)}</td></tr>"
+            for subject, statement in findings(result.diagnostics)
+        ),
+    )
+    with complete_file(path, "report") as unfinished:
+        unfinished.write_text(page, encoding="utf-8")
+
+
+def _thin(points: FloatArray) -> FloatArray:
+    """At most SHOWN_POINTS of the points, always the same ones."""
+    if len(points) <= SHOWN_POINTS:
+        return points
+    kept = np.random.default_rng(0).choice(len(points), SHOWN_POINTS, replace=False)
+    return points[np.sort(kept)]
+
+
+def _shown(source: FloatArray, target: FloatArray) -> str:
+    return " ".join(
+        f"The page shows {SHOWN_POINTS} of {len(cloud)} {name} points."
+        for name, cloud in (("source", source), ("target", target))
+        if len(cloud) > SHOWN_POINTS
+    )
+
+
+def _clouds(source: FloatArray, target: FloatArray) -> go.Figure:
+    figure = go.Figure(
+        [
+            go.Scatter3d(
+                x=points[:, 0].astype(np.float32),
+                y=points[:, 1].astype(np.float32),
+                z=points[:, 2].astype(np.float32),
+                name=name,
+                mode="markers",
+                marker={"size": 2.5, "color": colour, "opacity": 0.85},
+                hovertemplate="%{x:.4g}, %{y:.4g}, %{z:.4g}",
+            )
+            for name, points, colour in (("source", source, _SOURCE), ("target", target, _TARGET))
+        ]
+    )
+    figure.update_layout(scene={"aspectmode": "data"}, height=440)
+    return figure
+
+
+def _convergence(trace: list[Iteration]) -> go.Figure:
+    """ρ, d and ℓ over the iterations, one above the other."""
+    curves = {
+        "similarity ρ": [step.similarity for step in trace],
+        "RKHS distance d": [step.rkhs_distance for step in trace],
+        "lengthscale ℓ": [step.lengthscale for step in trace],
+    }
+    figure = make_subplots(rows=len(curves), cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    for row, (name, values) in enumerate(curves.items(), start=1):
+        steps = list(range(1, len(values) + 1))
+        line = {"color": _TARGET}
+        figure.add_trace(
+            go.Scatter(x=steps, y=values, name=name, mode="lines+markers", line=line), row, 1
+        )
+        figure.update_yaxes(title_text=name, row=row, col=1)
+    figure.update_xaxes(title_text="iteration", row=len(curves), col=1)
+    figure.update_layout(showlegend=False, height=560)
+    return figure
+
+
+def _figure(figure: go.Figure, name: str) -> str:
+    figure.update_layout(
+        template="none",
+        margin={"l": 70, "r": 20, "t": 20, "b": 45},
+        paper_bgcolor="rgba(0,0,0,0)",
+        plot_bgcolor="rgba(0,0,0,0)",
+        legend={"orientation": "h", "y": 1.02, "x": 0},
+    )
+    config: dict[str, Any] = {"responsive": True, "displaylogo": False}
+    html: str = figure.to_html(
+        full_html=False, include_plotlyjs=False, div_id=name, config=config, default_width="100%"
+    )
+    return html
+
+
+def _pose_rows(result: RegistrationResult) -> str:
+    rows = {
+        "T_target_source": result.T_target_source,
+        "Quaternion x y z w": result.quaternion_xyzw[None],
+        "Translation": result.translation[None],
+    }
+    return "".join(
+        f"<tr><th>{escape(name)}</th><td><pre>{_matrix(numbers)}</pre></td></tr>"
+        for name, numbers in rows.items()
+    )
+
+
+def _matrix(numbers: FloatArray) -> str:
+    return "\n".join("".join(f"{number:>16.9g}" for number in row) for row in numbers)

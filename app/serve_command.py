@@ -1,0 +1,64 @@
+"""``equivalign serve``: the HTTP service in this process."""
+
+from __future__ import annotations
+
+import socket
+from argparse import ArgumentParser
+
+from app.settings import ServiceSettings, read_settings
+from model.exceptions import InvalidOptionError
+
+
+def serve_command(arguments: list[str]) -> int:
+    """Answer registrations over HTTP, by default on this machine only."""
+    given = _parser().parse_args(arguments)
+    settings = read_settings(artifact=given.artifact, host=given.host, port=given.port)
+    with _listen(settings) as listener:
+        _serve(settings, listener)
+    return 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(
+        prog="equivalign serve",
+        description="Serve POST /register, GET /livez, /readyz, /model and /docs over HTTP.",
+        epilog="The environment variables EQUIVALIGN_ARTIFACT, _HOST, _PORT, _LOG_LEVEL and "
+        "_CONCURRENT_REGISTRATIONS set what isn't given here.",
+    )
+    parser.add_argument("--artifact", metavar="DIR", help="trained artifact")
+    parser.add_argument("--host", help="address to listen at (127.0.0.1)")
+    parser.add_argument("--port", type=int, help="port to listen at (8000)")
+    return parser
+
+
+def _listen(settings: ServiceSettings) -> socket.socket:
+    """A listening socket, before anything slow is done.
+
+    Raises:
+        InvalidOptionError: nobody can listen there.
+    """
+    try:
+        family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
+        return socket.create_server((settings.host, settings.port), family=family)
+    except OSError as error:
+        raise InvalidOptionError(
+            f"can't listen there: {error.strerror}",
+            field="port",
+            value=f"{settings.host}:{settings.port}",
+            mend="choose another --port or --host",
+        ) from None
+
+
+def _serve(settings: ServiceSettings, listener: socket.socket) -> None:
+    """Load the artifact, so that a broken one fails at once, and serve until told to stop."""
+    import structlog
+    import uvicorn
+
+    from app.service import create_app
+    from model import Registrar
+
+    registrar = Registrar.load(settings.artifact)
+    app = create_app(lambda: registrar, settings)
+    host, port, *_ = listener.getsockname()
+    structlog.get_logger().info("serving", host=host, port=port)
+    uvicorn.Server(uvicorn.Config(app, log_config=None, access_log=False)).run(sockets=[listener])
