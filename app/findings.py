@@ -1,8 +1,22 @@
-"""A registration's diagnostics in words, for people."""
+"""A registration's answer in words, for people."""
 
 from __future__ import annotations
 
-from model import Diagnostics
+from collections.abc import Iterable
+
+from model import Diagnostics, RegistrationResult
+
+
+def pose_lines(result: RegistrationResult) -> list[tuple[str, str]]:
+    """The pose as (name, text): rotations to seven places, lengths to twelve digits."""
+    matrix = (
+        _rotation_numbers(row[:3]) + _length(row[3]) for row in result.T_target_source.tolist()
+    )
+    return [
+        ("T_target_source", "\n".join(matrix)),
+        ("Quaternion x y z w", _rotation_numbers(result.quaternion_xyzw.tolist())),
+        ("Translation", "".join(map(_length, result.translation.tolist()))),
+    ]
 
 
 def findings(diagnostics: Diagnostics) -> list[tuple[str, str]]:
@@ -31,3 +45,11 @@ def findings(diagnostics: Diagnostics) -> list[tuple[str, str]]:
         ("Seconds", stages),
         *(("Warning", warning) for warning in d.warnings),
     ]
+
+
+def _rotation_numbers(numbers: Iterable[float]) -> str:
+    return "".join(f"{number:>11.7f}" for number in numbers)
+
+
+def _length(number: float) -> str:
+    return f"{number:>18.12g}"

@@ -15,7 +15,6 @@ from model.exceptions import CloudFileError, UnreadableFileError
 from model.inner_loop import INNER_LOOPS
 
 if TYPE_CHECKING:
-    from app.schemas import RegisterResponse
     from model import RegistrationResult
 
 FloatArray = npt.NDArray[np.float64]
@@ -110,31 +109,25 @@ def _write_report(
 
 
 def _print_answer(result: RegistrationResult, *, as_json: bool) -> None:
-    from app.schemas import RegisterResponse
-
-    answer = RegisterResponse.of(result)
     if as_json:
-        print(json.dumps(answer.document(), allow_nan=False))
+        from app.schemas import RegisterResponse
+
+        print(json.dumps(RegisterResponse.of(result).document(), allow_nan=False))
     else:
-        _print_in_words(answer)
+        _print_in_words(result)
 
 
-def _print_in_words(answer: RegisterResponse) -> None:
+def _print_in_words(result: RegistrationResult) -> None:
     from rich.console import Console
     from rich.table import Table
+    from rich.text import Text
 
-    from app.findings import findings
+    from app.findings import findings, pose_lines
 
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     table.add_column(style="bold", no_wrap=True)
     table.add_column()
-    table.add_row("T_target_source", "\n".join(map(_row, answer.T_target_source)))
-    table.add_row("Quaternion x y z w", _row(answer.quaternion_xyzw))
-    table.add_row("Translation", _row(answer.translation))
-    for subject, statement in findings(answer.diagnostics):
-        table.add_row(subject, statement, style="yellow" if subject == "Warning" else None)
+    for subject, statement in pose_lines(result) + findings(result.diagnostics):
+        style = "yellow" if subject == "Warning" else None
+        table.add_row(subject, Text(statement), style=style)
     Console(highlight=False).print(table)
-
-
-def _row(numbers: list[float]) -> str:
-    return "".join(f"{number:>13.8g}" for number in numbers)

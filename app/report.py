@@ -13,7 +13,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
-from app.findings import findings
+from app.findings import findings, pose_lines
 from model import Iteration, RegistrationResult
 from model.cloud_file import complete_file
 
@@ -57,11 +57,8 @@ def write_report(
         ),
         convergence=_figure(_convergence(result.diagnostics.trace), "convergence"),
         shown=_shown(source, target),
-        pose=_pose_rows(result),
-        findings="".join(
-            f"<tr><th>{escape(subject)}</th><td>{escape(statement)}</td></tr>"
-            for subject, statement in findings(result.diagnostics)
-        ),
+        pose=_table_rows(pose_lines(result), "<pre>{}</pre>"),
+        findings=_table_rows(findings(result.diagnostics), "{}"),
     )
     with complete_file(path, "report") as unfinished:
         unfinished.write_text(page, encoding="utf-8")
@@ -76,11 +73,12 @@ def _thin(points: FloatArray) -> FloatArray:
 
 
 def _shown(source: FloatArray, target: FloatArray) -> str:
-    return " ".join(
+    thinned = [
         f"The page shows {SHOWN_POINTS} of {len(cloud)} {name} points."
         for name, cloud in (("source", source), ("target", target))
         if len(cloud) > SHOWN_POINTS
-    )
+    ]
+    return " ".join(["The axes cross in the target's centroid.", *thinned])
 
 
 def _clouds(source: FloatArray, target: FloatArray) -> go.Figure:
@@ -92,13 +90,19 @@ def _clouds(source: FloatArray, target: FloatArray) -> go.Figure:
                 z=points[:, 2].astype(np.float32),
                 name=name,
                 mode="markers",
-                marker={"size": 2.5, "color": colour, "opacity": 0.85},
+                marker={"size": 3, "color": colour, "symbol": symbol},
                 hovertemplate="%{x:.4g}, %{y:.4g}, %{z:.4g}",
             )
-            for name, points, colour in (("source", source, _SOURCE), ("target", target, _TARGET))
+            # Rings leave what they lie on visible.
+            for name, points, colour, symbol in (
+                ("target", target, _TARGET, "circle"),
+                ("source", source, _SOURCE, "circle-open"),
+            )
         ]
     )
-    figure.update_layout(scene={"aspectmode": "data"}, height=440)
+    figure.update_layout(
+        scene={"aspectmode": "data"}, height=440, margin={"l": 0, "r": 0, "t": 20, "b": 0}
+    )
     return figure
 
 
@@ -118,17 +122,17 @@ def _convergence(trace: list[Iteration]) -> go.Figure:
         )
         figure.update_yaxes(title_text=name, row=row, col=1)
     figure.update_xaxes(title_text="iteration", row=len(curves), col=1)
-    figure.update_layout(showlegend=False, height=560)
+    figure.update_layout(showlegend=False, height=560, margin={"l": 70, "r": 20, "t": 20, "b": 45})
     return figure
 
 
 def _figure(figure: go.Figure, name: str) -> str:
     figure.update_layout(
         template="none",
-        margin={"l": 70, "r": 20, "t": 20, "b": 45},
         paper_bgcolor="rgba(0,0,0,0)",
         plot_bgcolor="rgba(0,0,0,0)",
-        legend={"orientation": "h", "y": 1.02, "x": 0},
+        legend={"orientation": "h", "y": 1.02, "x": 0, "itemsizing": "constant"},
+        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#808890"},
     )
     config: dict[str, Any] = {"responsive": True, "displaylogo": False}
     html: str = figure.to_html(
@@ -137,17 +141,8 @@ def _figure(figure: go.Figure, name: str) -> str:
     return html
 
 
-def _pose_rows(result: RegistrationResult) -> str:
-    rows = {
-        "T_target_source": result.T_target_source,
-        "Quaternion x y z w": result.quaternion_xyzw[None],
-        "Translation": result.translation[None],
-    }
+def _table_rows(lines: list[tuple[str, str]], cell: str) -> str:
     return "".join(
-        f"<tr><th>{escape(name)}</th><td><pre>{_matrix(numbers)}</pre></td></tr>"
-        for name, numbers in rows.items()
+        f"<tr><th>{escape(subject)}</th><td>{cell.format(escape(statement))}</td></tr>"
+        for subject, statement in lines
     )
-
-
-def _matrix(numbers: FloatArray) -> str:
-    return "\n".join("".join(f"{number:>16.9g}" for number in row) for row in numbers)

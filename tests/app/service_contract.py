@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Callable
 
 import numpy as np
 from fastapi.testclient import TestClient
@@ -62,11 +63,15 @@ def assert_problem(response: Response, status: int, field: str | None) -> dict[s
     return problem
 
 
-def wait_until_ready(client: TestClient) -> None:
+def wait_until(happened: Callable[[], bool]) -> None:
     deadline = time.monotonic() + 60
-    while client.get("/readyz").status_code != 200:
-        assert time.monotonic() < deadline, client.get("/readyz").text
+    while not happened():
+        assert time.monotonic() < deadline
         time.sleep(0.02)
+
+
+def wait_until_ready(client: TestClient) -> None:
+    wait_until(lambda: client.get("/readyz").status_code == 200)
 
 
 def rotation_error_deg(T: np.ndarray, T_true: np.ndarray) -> float:

@@ -9,7 +9,7 @@ import pytest
 import structlog
 from fastapi.testclient import TestClient
 from page_addresses import addresses
-from service_contract import FakeRegistrar, assert_problem, post, wait_until_ready
+from service_contract import FakeRegistrar, assert_problem, post, wait_until, wait_until_ready
 
 from app.api_description import register_example
 from app.request_log import log_as_json
@@ -57,8 +57,7 @@ def test_a_service_without_its_artifact_lives_but_is_not_ready(failure: Exceptio
 
     with structlog.testing.capture_logs(), TestClient(create_app(load, SETTINGS)) as client:
         assert tried.wait(30)
-        while "being loaded" in client.get("/readyz").text:
-            pass
+        wait_until(lambda: "being loaded" not in client.get("/readyz").text)
         problem = assert_problem(client.get("/readyz"), 503, None)
         assert "can't be used" in problem["detail"]
         assert "secret" not in problem["detail"]
