@@ -32,23 +32,24 @@ class PairDataModule(LightningDataModule, ABC):
         batch_size: pairs a batch, on each device.
         workers: processes that make pairs, for each loader.
         motion: the law of the training pairs' poses.
-        evaluation_motion: the law of the validation and test pairs' poses.
+        evaluation_motion: the law of the validation and test pairs' poses; by default ``motion`` as
+            it is at the start, whatever the curriculum does to it.
     """
 
     def __init__(
         self,
-        seed: int,
-        batch_size: int,
-        workers: int,
-        motion: Motion,
-        evaluation_motion: Motion,
+        seed: int = 0,
+        batch_size: int = 16,
+        workers: int = 0,
+        motion: Motion | None = None,
+        evaluation_motion: Motion | None = None,
     ) -> None:
         super().__init__()
         self.seed = seed
         self.batch_size = batch_size
         self.workers = workers
-        self.motion = motion
-        self.evaluation_motion = evaluation_motion
+        self.motion = motion or Motion()
+        self.evaluation_motion = evaluation_motion or self.motion
         self._training: PairLoader | None = None
 
     @abstractmethod

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import torch
+from torch import Tensor
 
 from model.exceptions import InvalidOptionError, UnreadableFileError
 from training.data.shape import Shape
@@ -97,6 +98,33 @@ class PackedShapes:
                 "leaves no shape at all", field=field, value=value, mend="exclude less"
             )
         return self
+
+
+def pack_shapes(
+    shapes: Sequence[Shape],
+    categories: npt.NDArray[np.str_],
+    splits: npt.NDArray[np.str_],
+) -> PackedShapes:
+    """Round shapes to the archives' precision: 3e-5 of the radius, half a degree of a normal.
+
+    Args:
+        shapes: S ≥ 1 shapes of P points each, all with normals or all without.
+        categories: (S,).
+        splits: (S,).
+    """
+    points = np.stack([_rounded(shape.points, POINT_SCALE) for shape in shapes])
+    normals = [_rounded(n, NORMAL_SCALE) for shape in shapes if (n := shape.normals) is not None]
+    return PackedShapes(
+        points.astype(np.int16),
+        np.stack(normals).astype(np.int8) if normals else None,
+        np.array([shape.name for shape in shapes]),
+        categories,
+        splits,
+    )
+
+
+def _rounded(values: Tensor, scale: float) -> npt.NDArray[np.float64]:
+    return np.round(values.double().numpy() * scale)
 
 
 def read_packed(path: Path) -> PackedShapes:

@@ -1,11 +1,11 @@
-"""Data modules that make their pairs from shapes."""
+"""What data modules that make their pairs from shapes share."""
 
 from __future__ import annotations
 
 from abc import abstractmethod
+from typing import Any
 
 from training.data.module import STREAM, PairDataModule, Subset
-from training.data.motion import Motion
 from training.data.pairs import ShapePairs
 from training.data.perturbation import Perturbation
 from training.data.shape import ShapeSet
@@ -15,32 +15,22 @@ class ShapeDataModule(PairDataModule):
     """Pairs sampled from shapes, perturbed and moved apart.
 
     Args:
-        seed: non-negative; everything random follows from it.
-        batch_size: pairs a batch, on each device.
-        workers: processes that make pairs, for each loader.
         pairs_per_epoch: length of a training epoch, whatever the number of shapes.
         evaluation_pairs: number of validation pairs, and of test pairs.
         perturbation: what happens to training clouds; the default does nothing but resample.
         evaluation_perturbation: what happens to validation and test clouds; by default the same.
-        motion: the law of the training pairs' poses.
-        evaluation_motion: the law of the validation and test pairs' poses; by default ``motion``
-            as it is at the start, whatever the curriculum does to it.
+        **options: as for ``PairDataModule``.
     """
 
     def __init__(
         self,
-        seed: int = 0,
-        batch_size: int = 16,
-        workers: int = 0,
         pairs_per_epoch: int = 4096,
         evaluation_pairs: int = 256,
         perturbation: Perturbation | None = None,
         evaluation_perturbation: Perturbation | None = None,
-        motion: Motion | None = None,
-        evaluation_motion: Motion | None = None,
+        **options: Any,
     ) -> None:
-        motion = motion or Motion()
-        super().__init__(seed, batch_size, workers, motion, evaluation_motion or motion)
+        super().__init__(**options)
         self.pairs_per_epoch = pairs_per_epoch
         self.evaluation_pairs = evaluation_pairs
         self.perturbation = perturbation or Perturbation()
