@@ -1,0 +1,1 @@
+"""Honest tables: every method on the same arrays, in the same run, seeded and listed."""
