@@ -11,7 +11,7 @@ FloatArray = npt.NDArray[np.float64]
 
 # A few stray points may not shrink everything else: a shape's farthest point is rarely more than
 # three times as far out as its median point.
-_REACH_OF_MEDIAN = 4.0
+REACH_OF_MEDIAN = 4.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,4 +69,4 @@ def extent(centred: FloatArray) -> float:
     median = float(np.median(radius))
     if median == 0.0:
         return float(radius.max())
-    return float(min(radius.max(), _REACH_OF_MEDIAN * median))
+    return float(min(radius.max(), REACH_OF_MEDIAN * median))

@@ -69,7 +69,7 @@ def as_pose(value: npt.ArrayLike, field: str) -> FloatArray:
     """
     try:
         T = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         T = np.empty(0)
     if T.shape != (4, 4) or not np.isfinite(T).all():
         raise InvalidOptionError(

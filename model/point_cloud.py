@@ -37,7 +37,7 @@ def as_points(points: npt.ArrayLike, field: str) -> FloatArray:
         if raw.dtype.kind not in "iufO":
             raise TypeError(raw.dtype)
         array = raw.astype(np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         raise CloudShapeError(
             "the points aren't numbers in rows of three",
             field=field,

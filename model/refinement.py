@@ -8,12 +8,16 @@ import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
-from model.inner_loop import GradientLoop, InnerLoop, ProcrustesLoop, Solution
+from model.inner_loop import GradientLoop, InnerLoop, Solution
 from model.kernel import RkhsKernel
 from model.search import KINDS, Hypotheses, selection_score, within
+from model.search.field_steps import field_step
+from model.search.kernel_field import KernelField
 from model.settings import RegistrarSettings
 
 _SHORTLIST_POINTS = 512
+_SHORTLIST_LENGTHSCALE = 0.05
+_SHORTLIST_STEPS = 8
 _SHORTLIST_SCORED = 4
 # Refinement may turn a pose a little past the allowed rotation without being another answer.
 _ROTATION_SLACK_DEG = 1.0
@@ -43,7 +47,7 @@ def refine(
     max_rotation_deg: float,
     generator: torch.Generator,
 ) -> Refined:
-    """Solve the exact objective for each candidate on few points, select, solve on all points.
+    """Move each candidate on a fine field, select by the exact kernel, solve the winner exactly.
 
     Args:
         kernel: of the RKHS.
@@ -54,15 +58,14 @@ def refine(
         resolution: stretches every lengthscale for sparse clouds.
         R_centre: (3, 3) the rotation that ``max_rotation_deg`` counts from.
         max_rotation_deg: a pose beyond is refused, unless all are.
-        generator: chooses the points of the first stage.
+        generator: chooses the points that are selected by.
     """
-    shortlist = _shortlist_loop(resolution)
     few_target = _subset(target, generator)
     few_source = _subset(source, generator)
-    K = len(candidates)
-    T = shortlist.solve(
-        kernel, few_target.expand(K), few_source.expand(K), candidates.T_target_source
-    ).T_target_source
+    field = KernelField.of(target.points[0], _SHORTLIST_LENGTHSCALE * resolution)
+    T = candidates.T_target_source
+    for _ in range(_SHORTLIST_STEPS):
+        T = field_step(field, few_source.points[0], T)
     candidates = candidates.moved_to(T)
     score = selection_score(kernel, few_target, few_source, T, resolution)
     allowed = within(candidates, R_centre, max_rotation_deg + _ROTATION_SLACK_DEG)
@@ -90,16 +93,6 @@ def last_stage(settings: RegistrarSettings, solver: str, resolution: float) -> I
         procrustes,
         lengthscale=procrustes.lengthscale * resolution,
         lengthscale_end=procrustes.lengthscale_end * resolution,
-    )
-
-
-def _shortlist_loop(resolution: float) -> ProcrustesLoop:
-    return ProcrustesLoop(
-        lengthscale=0.08 * resolution,
-        lengthscale_end=0.05 * resolution,
-        steps_per_level=3,
-        final_steps=4,
-        record=False,
     )
 
 

@@ -38,7 +38,8 @@ def nearest_neighbours(embedding: Tensor, mask: Tensor, k: int) -> tuple[Tensor,
         index (B, N, k') and validity (B, N, k') as float, with k' = min(k, N − 1).
     """
     with torch.no_grad():
-        distance2 = squared_distances(embedding, embedding)
+        # float64: ties within float32's rounding would be broken at random.
+        distance2 = squared_distances(embedding.double(), embedding.double())
         distance2 = distance2.masked_fill(mask[:, None, :] == 0, torch.inf)
         distance2.diagonal(dim1=-2, dim2=-1).fill_(torch.inf)
         k = min(k, embedding.shape[1] - 1)

@@ -32,6 +32,10 @@ class EdgeConvolution(nn.Module):
 class VNDgcnn(nn.Module):
     """Vector-neuron DGCNN. Translation equivariance is exact: only x_k − x enters.
 
+    The k nearest neighbours are a hard choice: where two of them are equally far to within
+    rounding, the features of that point and its surroundings may jump. ``vn_graph`` has no such
+    choice.
+
     Args:
         channels: output channels of each edge convolution; the features' C is the last one.
         neighbours: k of the graph.
@@ -60,6 +64,8 @@ class VNDgcnn(nn.Module):
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, N, 3) points and optional (B, N) mask → (B, N, 3, C)."""
         mask = x.new_ones(x.shape[:2]) if mask is None else mask
+        # Only differences matter; near the origin they lose fewer digits.
+        x = x - (x * mask[..., None]).sum(1, keepdim=True) / mask.sum(1)[:, None, None]
         index, valid = nearest_neighbours(x, mask, self.neighbours)
         offset = gather_neighbours(x[..., None], index) - x[:, :, None, :, None]
         mean_offset = mean_over_neighbours(offset, valid)[:, :, None].expand_as(offset)

@@ -59,6 +59,8 @@ class VNGraph(nn.Module):
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, N, 3) points and optional (B, N) mask → (B, N, 3, C)."""
         mask = x.new_ones(x.shape[:2]) if mask is None else mask
+        # Only differences matter; near the origin they lose fewer digits.
+        x = x - (x * mask[..., None]).sum(1, keepdim=True) / mask.sum(1)[:, None, None]
         distance2 = squared_distances(x, x)
         balls = [gaussian_neighbourhood(distance2, mask, radius) for radius in self.radii]
         vectors, scalars = ball_moments(x, balls, self.radii)
@@ -114,14 +116,18 @@ def ball_moments(
         vectors (B, N, 3, V) and invariants (B, N, S), both without unit.
     """
     offsets, covariances = [], []
+    dtype = x.dtype
+    # E[xxᵀ] − E[x]E[x]ᵀ of a small ball far from the origin cancels most of float32's digits.
+    x = x.double()
     squares = (x[..., :, None] * x[..., None, :]).flatten(-2)
     for ball, radius in zip(balls, radii, strict=True):
         # Centring on each point only afterwards keeps this one matrix product.
-        moments = ball @ torch.cat([x, squares], -1)
+        moments = ball.double() @ torch.cat([x, squares], -1)
         mean = moments[..., :3]
         second = moments[..., 3:].reshape(*x.shape[:2], 3, 3)
-        covariances.append((second - mean[..., :, None] * mean[..., None, :]) / radius**2)
-        offsets.append((mean - x) / radius)
+        covariance = (second - mean[..., :, None] * mean[..., None, :]) / radius**2
+        covariances.append(covariance.to(dtype))
+        offsets.append(((mean - x) / radius).to(dtype))
     V = torch.stack(offsets, -1)
     crosses = [torch.linalg.cross(a, b) for a, b in combinations(offsets, 2)]
     vectors = [V, *(C @ V for C in covariances)]

@@ -16,10 +16,10 @@ from model.se3 import retract
 
 @dataclass(frozen=True, slots=True)
 class GradientLoop:
-    """Gradient descent with momentum on d / (⟨X,X⟩ + ⟨Z,Z⟩) (paper, sections 4.4 and 4.5).
+    """Gradient descent with momentum on d (paper, sections 4.4 and 4.5).
 
-    The normaliser and the factor ℓ² make one learning rate hold for every number of points and
-    every lengthscale: a step is then a share of ℓ. All steps are closed-form sums, so the
+    Dividing by ⟨X,X⟩ + ⟨Z,Z⟩ and the factor ℓ² make one learning rate hold for every number of
+    points and every lengthscale: a step is then a share of ℓ. All steps are closed-form sums, so the
     loop is differentiable by ordinary backpropagation, without second derivatives of autograd.
 
     Attributes:
@@ -72,7 +72,7 @@ class GradientLoop:
 
 @dataclass(frozen=True, slots=True)
 class DistanceGradient:
-    """First derivatives of d / (⟨X,X⟩ + ⟨Z,Z⟩), the normaliser held fixed.
+    """First derivatives of d in (h, ℓ), divided by ⟨X,X⟩ + ⟨Z,Z⟩.
 
     Attributes:
         pose: ∇_δ, (B, 6), translation part first.
@@ -98,7 +98,7 @@ class DistanceGradient:
         cross = _moments(kernel, target, moved, lengthscale)
         self_target = _moments(kernel, target, target, lengthscale)
         self_source = _moments(kernel, source, source, lengthscale)
-        normaliser = (self_target.mass + self_source.mass).detach()
+        normaliser = self_target.mass + self_source.mass
         lengthscale_slope = (
             lengthscale_gradient(self_target, lengthscale)
             + lengthscale_gradient(self_source, lengthscale)

@@ -14,6 +14,11 @@ from model.kernel.moments import PoseMoments
 from model.se3 import closest_rotation, pose_log, pose_matrix, retract
 
 
+_LONGEST_STRETCH = 8.0
+# A step below this share of ℓ has converged.
+_CLOSE = 5e-3
+
+
 @dataclass(frozen=True, slots=True)
 class ProcrustesLoop:
     """Kernel-weighted Procrustes steps while ℓ shrinks.
@@ -28,7 +33,7 @@ class ProcrustesLoop:
         steps_per_level: at most this many steps at each ℓ but the last.
         final_steps: at most this many steps at ℓ̂.
         stretch: growth of the step's factor after a success.
-        tolerance: a step with ‖δ‖ below this converges.
+        tolerance: a step with ‖δ‖ below this ends the loop; one below ℓ/200 counts as converged.
         record: keep every step; it costs ⟨X,X⟩ and ⟨Z,Z⟩ at each ℓ.
     """
 
@@ -99,12 +104,13 @@ class ProcrustesLoop:
             delta = torch.where(better[:, None], delta_try, delta)
             # A plain step is a guaranteed ascent for the RBF part: back to it before halving.
             smaller = torch.where(factor > 1.0, torch.ones_like(factor), 0.5 * factor)
-            factor = torch.where(better, self.stretch * factor, smaller)
+            larger = (self.stretch * factor).clamp(max=_LONGEST_STRETCH)
+            factor = torch.where(better, larger, smaller)
         return _Climb(T, delta.detach().norm(dim=-1) <= self._close(ell), steps)
 
     def _close(self, ell: Tensor) -> Tensor:
-        """Steps far below ℓ's rounding noise count as converged, whatever the tolerance."""
-        return torch.clamp(ell * 1e-3, min=self.tolerance)
+        """Float32 can't tell poses apart whose step is below this: ⟨X, hZ⟩ is flat there."""
+        return (_CLOSE * ell).clamp_min(self.tolerance)
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+import math
+
+import pytest
+import torch
+
+from model.cloud_function import CloudFunction
+from model.inner_loop.procrustes import procrustes_step
+from model.kernel import RkhsKernel
+from model.kernel.moments import PoseMoments
+from model.se3 import pose_matrix, rotation_angle
+from model.search import Hypotheses, hypothesise, selection_score, within
+from model.search.field_steps import field_score, field_step
+from model.search.hypotheses import KINDS, distinct
+from model.search.kernel_field import KernelField
+from model.search.so3_grid import so3_grid
+
+
+def test_the_grid_covers_every_rotation_evenly():
+    grid = so3_grid(30.0)
+    generator = torch.Generator().manual_seed(0)
+    probes = torch.linalg.qr(torch.randn(200, 3, 3, generator=generator)).Q
+    probes = probes * torch.det(probes).sign()[:, None, None]
+    nearest = rotation_angle(probes[:, None], grid[None]).amin(1).rad2deg()
+    assert nearest.max() < 30.0
+    assert torch.allclose(grid @ grid.transpose(-1, -2), torch.eye(3), atol=1e-5)
+
+
+def test_the_grid_keeps_to_its_radius():
+    grid = so3_grid(15.0, 40.0)
+    angles = rotation_angle(grid, torch.eye(3)).rad2deg()
+    assert angles.max() <= 40.01
+    assert angles[0] < 1e-3
+    # The Haar measure of a ball of radius θ is (θ − sin θ)/π.
+    share = (math.radians(40) - math.sin(math.radians(40))) / math.pi
+    assert len(grid) == pytest.approx(share * len(so3_grid(15.0)), rel=0.15)
+
+
+@pytest.mark.parametrize("ell", [0.25, 0.1])
+def test_field_look_ups_are_kernel_sums(ell, cloud):
+    x = cloud(0) - cloud(0).mean(0)
+    y = x[:100] + 0.5 * ell * torch.randn(100, 3, generator=torch.Generator().manual_seed(1))
+    k = torch.exp(-torch.cdist(y, x).square() / (2 * ell**2))
+    found = KernelField.of(x, ell).look_up(y[None])[:, 0]
+    exact = torch.cat([k.sum(1, keepdim=True), k @ x], 1).T
+    assert (found - exact).norm() / exact.norm() < 0.03
+    far = KernelField.of(x, ell).look_up(torch.full((1, 1, 3), 50.0))
+    assert far.abs().max() == 0
+
+
+def test_a_field_step_is_the_exact_procrustes_step(cloud, pose):
+    x, z = cloud(1) - cloud(1).mean(0), cloud(1, part=1) - cloud(1).mean(0)
+    T = torch.stack([pose(i, 10.0 * (i + 1), shift=0.02).float() for i in range(4)])
+    stepped = field_step(KernelField.of(x, 0.2, spacing=0.05), z, T)
+    target, source = CloudFunction.of(x[None]), CloudFunction.of(z[None])
+    kernel, ell = RkhsKernel("none"), torch.full((4,), 0.2)
+    moved = source.expand(4).transformed(T[:, :3, :3], T[:, :3, 3])
+    terms = kernel.terms(target.expand(4), moved, ell)
+    exact = procrustes_step(PoseMoments.of(kernel, target.expand(4), moved, terms), ell) @ T
+    assert rotation_angle(stepped[:, :3, :3], exact[:, :3, :3]).max().rad2deg() < 0.5
+    assert (stepped - exact)[:, :3, 3].abs().max() < 0.01
+
+
+def test_the_right_pose_scores_best_on_the_field(cloud):
+    x = cloud(2) - cloud(2).mean(0)
+    grid = pose_matrix(so3_grid(30.0), torch.zeros(len(so3_grid(30.0)), 3))
+    assert field_score(KernelField.of(x, 0.1), x, grid).argmax() == 0
+
+
+def test_a_hypothesis_that_left_the_field_keeps_its_pose(cloud):
+    T = torch.eye(4)[None].clone()
+    T[:, :3, 3] = 40.0
+    assert torch.equal(field_step(KernelField.of(cloud(0), 0.2), cloud(0), T), T)
+
+
+def test_hypotheses_start_with_the_callers_and_stay_in_reach(pose):
+    T = pose(0, 120.0).float()
+    start = hypothesise(T, 30.0, 15.0, torch.float32)
+    assert KINDS[int(start.kind[0])] == "initial"
+    assert torch.equal(start.T_target_source[0], T)
+    assert bool(within(start, T[:3, :3], 30.01).all())
+    free = hypothesise(None, 180.0, 30.0, torch.float32)
+    assert KINDS[int(free.kind[0])] == "identity"
+    assert torch.allclose(free.T_target_source[0], torch.eye(4), atol=1e-6)
+
+
+def test_duplicates_are_merged_best_first():
+    R = so3_grid(60.0)[:3]
+    T = pose_matrix(torch.cat([R, R]), torch.zeros(6, 3))
+    score = torch.tensor([1.0, 5.0, 3.0, 2.0, 4.0, 6.0])
+    assert distinct(T, score, 10, 5.0, 0.1).tolist() == [5, 1, 3]
+    assert distinct(T, score, 2, 5.0, 0.1).tolist() == [5, 1]
+    shifted = T.clone()
+    shifted[3:, 0, 3] = 0.5
+    assert len(distinct(shifted, score, 10, 5.0, 0.1)) == 6
+
+
+def test_selection_prefers_a_tight_partial_fit_to_a_loose_full_one():
+    generator = torch.Generator().manual_seed(0)
+    target = torch.rand(400, 3, generator=generator) * torch.tensor([1.0, 1.0, 0.0])
+    tight = target[target[:, 0] > 0.45]
+    source = torch.cat([tight, tight + torch.tensor([0.0, 0.0, 2.0])])
+    # Halfway between both sheets, everything is near the target but nothing fits.
+    kernel = RkhsKernel("none")
+    T = torch.eye(4).repeat(2, 1, 1)
+    source[len(tight) :, 2] = 0.12
+    T[1, 2, 3] = -0.06
+    x, z = CloudFunction.of(target[None]), CloudFunction.of(source[None])
+    raw = [
+        kernel.inner_product(
+            x, z.transformed(t[None, :3, :3], t[None, :3, 3]), torch.tensor([0.08])
+        )
+        for t in T
+    ]
+    assert raw[1] > raw[0]
+    score = selection_score(kernel, x, z, T)
+    assert score[0] > score[1]
+
+
+def test_selecting_keeps_kinds_in_order():
+    hypotheses = Hypotheses(torch.eye(4).repeat(3, 1, 1), torch.tensor([0, 1, 2]))
+    assert hypotheses.select(torch.tensor([2, 0])).kind.tolist() == [2, 0]

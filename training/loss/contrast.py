@@ -1,0 +1,173 @@
+"""Losses that keep wrong poses and wrong points wrong."""
+
+from __future__ import annotations
+
+import math
+from typing import Literal
+
+import torch
+from torch import Tensor, nn
+
+from model.cloud_function import CloudFunction
+from model.kernel import squared_distances
+from model.se3 import axis_angle_rotation, pose_matrix
+from training.loss.alignment import Alignment, weighted_mean
+
+
+class PoseContrast(nn.Module):
+    """Softmax over ρ: a reference pose against perturbed ones, features encoded once and rotated.
+
+    Args:
+        reference: ``made`` uses the transform that the data pipeline made (self-supervised);
+            ``solved`` only ĥ.
+        poses: perturbed poses a pair.
+        sharpness: factor of ρ in the softmax.
+        points: points of each cloud that are compared.
+        angles: perturbation, in degrees; drawn log-uniformly.
+        shift: standard deviation of the perturbation's translation.
+        lengthscales: range of ℓ, drawn uniformly for each batch.
+    """
+
+    def __init__(
+        self,
+        reference: Literal["made", "solved"] = "made",
+        poses: int = 7,
+        sharpness: float = 20.0,
+        points: int = 300,
+        angles: tuple[float, float] = (9.0, 178.0),
+        shift: float = 0.1,
+        lengthscales: tuple[float, float] = (0.05, 0.35),
+    ) -> None:
+        super().__init__()
+        self.uses_made_transform = reference == "made"
+        self.poses = poses
+        self.sharpness = sharpness
+        self.points = points
+        self.angles = angles
+        self.shift = shift
+        self.lengthscales = lengthscales
+
+    def forward(self, alignment: Alignment) -> Tensor:
+        """Scalar cross entropy."""
+        a = alignment.thinned(self.points)
+        T = a.T_made if self.uses_made_transform else a.T_solved
+        weight = _weight(a, self.uses_made_transform)
+        low, high = self.lengthscales
+        ell = low + (high - low) * torch.rand((), generator=a.generator)
+        ells = ell.expand(len(T))
+        xx = a.kernel.inner_product(a.target, a.target, ells)
+        zz = a.kernel.inner_product(a.source, a.source, ells)
+        norm = (xx * zz).sqrt()
+        candidates = [T, *(self._perturbed(a, T) for _ in range(self.poses))]
+        rho = torch.stack(
+            [a.kernel.inner_product(a.target, a.source_at(c), ells) / norm for c in candidates], 1
+        )
+        loss = -(self.sharpness * rho).log_softmax(1)[:, 0]
+        return weighted_mean(loss, weight)
+
+    def _perturbed(self, a: Alignment, T: Tensor) -> Tensor:
+        """Turn the moved source about its centroid and shift it."""
+        B, g = len(T), a.generator
+        low, high = (math.log(math.radians(angle)) for angle in self.angles)
+        angle = (low + (high - low) * torch.rand(B, generator=g)).exp()
+        R = axis_angle_rotation(torch.randn(B, 3, generator=g), angle)
+        mask = a.source.mask[..., None]
+        centre = (a.source_at(T).points * mask).sum(1) / mask.sum(1)
+        shift = self.shift * torch.randn(B, 3, generator=g)
+        t = centre - (R @ centre[..., None])[..., 0] + shift
+        return pose_matrix(R, t) @ T
+
+
+class FeatureContrast(nn.Module):
+    """Each target point against all source points in the aligned frame, by f·Rg.
+
+    Self-supervised: it uses the transform that the data pipeline made, never a measured one.
+
+    Args:
+        points: points of each cloud that are compared.
+        neighbourhood: points this close in the aligned frame count as the same.
+        temperature: initial factor of the cosine in the softmax; learned.
+    """
+
+    uses_made_transform = True
+
+    def __init__(
+        self, points: int = 400, neighbourhood: float = 0.05, temperature: float = 10.0
+    ) -> None:
+        super().__init__()
+        self.points = points
+        self.neighbourhood = neighbourhood
+        self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
+
+    def forward(self, alignment: Alignment) -> Tensor:
+        """Scalar cross entropy."""
+        a = alignment.thinned(self.points)
+        moved = a.source_at(a.T_made)
+        likeness = _unit(a.target.features.flatten(2)) @ _unit(moved.features.flatten(2)).transpose(
+            -1, -2
+        )
+        logits = self.log_temperature.exp() * likeness
+        return matching_cross_entropy(a, moved, logits, self.neighbourhood)
+
+
+class InvariantContrast(nn.Module):
+    """Each target point against all source points by the Gram matrices FᵀF, which don't turn.
+
+    Self-supervised: it uses the transform that the data pipeline made, never a measured one.
+
+    Args:
+        points: points of each cloud that are compared.
+        neighbourhood: points this close in the aligned frame count as the same.
+        temperature: initial factor of the cosine in the softmax; learned.
+    """
+
+    uses_made_transform = True
+
+    def __init__(
+        self, points: int = 400, neighbourhood: float = 0.05, temperature: float = 20.0
+    ) -> None:
+        super().__init__()
+        self.points = points
+        self.neighbourhood = neighbourhood
+        self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
+
+    def forward(self, alignment: Alignment) -> Tensor:
+        """Scalar cross entropy."""
+        a = alignment.thinned(self.points)
+        likeness = _unit(_gram(a.target)) @ _unit(_gram(a.source)).transpose(-1, -2)
+        logits = self.log_temperature.exp() * likeness
+        return matching_cross_entropy(a, a.source_at(a.T_made), logits, self.neighbourhood)
+
+
+def matching_cross_entropy(
+    a: Alignment, moved: CloudFunction, logits: Tensor, neighbourhood: float
+) -> Tensor:
+    """Softmax over the source for each target point; the right answers are soft, by distance.
+
+    Args:
+        a: the alignment.
+        moved: the source in the target's frame.
+        logits: (B, N, M).
+        neighbourhood: standard deviation of the Gaussian that says how right an answer is.
+    """
+    distance2 = squared_distances(a.target.points, moved.points)
+    rightness = torch.exp(distance2 / (-2.0 * neighbourhood**2))
+    per_point = -(rightness * logits.log_softmax(-1)).sum(-1)
+    matched = rightness.sum(-1).sum(-1)
+    per_pair = per_point.sum(-1) / matched.clamp_min(1.0)
+    return weighted_mean(per_pair, _weight(a, uses_made_transform=True))
+
+
+def _weight(a: Alignment, uses_made_transform: bool) -> Tensor:
+    return a.is_synthetic.to(a.confidence.dtype) if uses_made_transform else a.confidence
+
+
+def _unit(features: Tensor) -> Tensor:
+    return nn.functional.normalize(features, dim=-1)
+
+
+def _gram(cloud: CloudFunction) -> Tensor:
+    """Upper triangle of FᵀF, (B, N, C(C+1)/2)."""
+    f = cloud.features
+    rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
+    return (f.transpose(-1, -2) @ f)[..., rows, columns]
