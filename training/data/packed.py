@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+import json
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from model.cloud_file import complete_file
 from model.exceptions import InvalidOptionError, UnreadableFileError
 from training.data.shape import Shape
 from training.data.symmetry import self_similarity
 
 POINT_SCALE = 32767.0
 NORMAL_SCALE = 127.0
+MANIFEST = "pack.json"
 
 
 @dataclass(frozen=True)
@@ -131,9 +135,12 @@ def read_packed(path: Path) -> PackedShapes:
     """Read one archive, or all archives of a folder in the order of their names.
 
     Raises:
-        UnreadableFileError: nothing there, not an archive, or not of this layout.
+        UnreadableFileError: nothing there, not an archive, not of this layout, or unfinished.
     """
-    files = sorted(path.glob("*.npz")) if path.is_dir() else [path]
+    files = [path]
+    if path.is_dir():
+        _require_finished(path)
+        files = sorted(file for file in path.glob("*.npz") if not file.name.startswith("."))
     if not files:
         raise UnreadableFileError(
             "no archive in this folder",
@@ -151,6 +158,58 @@ def read_packed(path: Path) -> PackedShapes:
         np.concatenate([shard.categories for shard in shards]),
         np.concatenate([shard.splits for shard in shards]),
     )
+
+
+def write_packed(path: Path, shapes: PackedShapes) -> None:
+    """Write one archive, completely or not at all.
+
+    Raises:
+        CloudFileError: it can't be written there.
+    """
+    arrays: dict[str, npt.NDArray[Any]] = {
+        "points": shapes.points,
+        "name": shapes.names,
+        "category": shapes.categories,
+        "split": shapes.splits,
+    }
+    if shapes.normals is not None:
+        arrays["normals"] = shapes.normals
+    with complete_file(path, "out") as unfinished:
+        np.savez_compressed(unfinished, allow_pickle=False, **arrays)
+
+
+def read_manifest(folder: Path) -> dict[str, Any] | None:
+    """What ``equivalign data pack`` noted of a folder; None where it didn't write there.
+
+    Raises:
+        UnreadableFileError: the note is damaged.
+    """
+    try:
+        manifest: dict[str, Any] = json.loads((folder / MANIFEST).read_text())
+        if not isinstance(manifest["shards"], list) or not isinstance(manifest["complete"], bool):
+            raise TypeError(MANIFEST)
+        manifest["fingerprint"]
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise UnreadableFileError(
+            "the pack's note of itself is damaged",
+            field="path",
+            value=str(folder / MANIFEST),
+            mend="delete the folder and pack again",
+        ) from error
+    return manifest
+
+
+def _require_finished(folder: Path) -> None:
+    manifest = read_manifest(folder)
+    if manifest is not None and not manifest["complete"]:
+        raise UnreadableFileError(
+            "the packing of this folder was cut short",
+            field="path",
+            value=str(folder),
+            mend="run the same equivalign data pack again; it goes on where it stopped",
+        )
 
 
 def _read_archive(file: Path) -> PackedShapes:

@@ -74,7 +74,7 @@ def _read_file(file: ShapeFile, points: int, seed: int) -> Shape | Skipped:
     try:
         return read_surface(file.path, points, random, file.name)
     except EquivAlignError as error:
-        return Skipped(file.path, str(error))
+        return Skipped(file.path, "; ".join(filter(None, (error.problem, error.mend))))
 
 
 def gather_shapes(

@@ -69,5 +69,5 @@ def _official_rows(splits: npt.NDArray[np.str_], subset: Subset, seed: int) -> n
     if subset == "test" or (splits == "val").any():
         return np.flatnonzero(splits == subset)
     training = numpy_generator(seed, Stream.SPLIT).permutation(np.flatnonzero(splits == "train"))
-    held_out = len(training) // 10
+    held_out = max(1, len(training) // 10)
     return training[:held_out] if subset == "val" else training[held_out:]

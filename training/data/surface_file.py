@@ -91,9 +91,9 @@ def _sampled_cloud(
     available = np.flatnonzero(finite)
     if len(available) < count:
         raise TooFewPointsError(
-            f"fewer points than the {count} asked for",
+            f"{len(available)} points, fewer than the {count} asked for",
             field="path",
-            value=f"{path}: {len(available)} points",
+            value=str(path),
             mend="ask for fewer points a shape",
         )
     if normals is None:
