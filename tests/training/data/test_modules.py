@@ -183,8 +183,8 @@ def test_subsets_are_disjoint_and_fixed_by_the_seed(
 def test_unknown_official_splits_are_refused() -> None:
     with pytest.raises(InvalidOptionError, match="random"):
         subset_rows(np.array(["", ""]), "train", "official", 0)
-    with pytest.raises(InvalidOptionError, match="val"):
-        subset_rows(np.array(["train", "test"]), "val", "official", 0)
+    with pytest.raises(InvalidOptionError, match="train"):
+        subset_rows(np.array(["test", "test"]), "train", "official", 0)
 
 
 def test_packed_pairs_are_as_asked(archive: Path) -> None:
