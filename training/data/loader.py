@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import torch
 from torch import Tensor
@@ -132,6 +133,16 @@ class PairLoader:
     def sampler(self) -> PairLoader:
         """The loader itself: it knows its epoch."""
         return self
+
+    # Lightning ends the workers of what has this attribute, as PyTorch's loader has it, when it is
+    # done with a loader.
+    @property
+    def _iterator(self) -> Any:
+        return self._loader._iterator
+
+    @_iterator.setter
+    def _iterator(self, iterator: Any) -> None:
+        self._loader._iterator = iterator
 
     @property
     def epoch(self) -> int:

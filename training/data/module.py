@@ -68,7 +68,7 @@ class PairDataModule(LightningDataModule, ABC):
             self._training.motion = self.motion
 
     def train_dataloader(self) -> PairLoader:
-        """Endlessly different pairs, by epoch."""
+        """Other pairs in every epoch, unless the trainer is told to overfit."""
         self._training = self._loader("train", self.motion)
         return self._training
 
@@ -82,6 +82,7 @@ class PairDataModule(LightningDataModule, ABC):
 
     def _loader(self, subset: Subset, motion: Motion) -> PairLoader:
         trainer = self.trainer
+        overfitting = getattr(trainer, "overfit_batches", 0) > 0
         return PairLoader(
             self.pairs(subset),
             motion,
@@ -92,5 +93,5 @@ class PairDataModule(LightningDataModule, ABC):
             rank=0 if trainer is None else trainer.global_rank,
             world_size=1 if trainer is None else trainer.world_size,
             drop_last=subset == "train",
-            fixed=subset != "train",
+            fixed=subset != "train" or overfitting,
         )

@@ -3,6 +3,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -189,3 +190,22 @@ def test_lightning_resumes_in_mid_epoch_without_repeating(tmp_path: Path, steps:
     )
     assert first.seen + second.seen == whole.seen
     assert torch.equal(second.weight, whole.weight)
+
+
+# Lightning 2.6 uses what PyTorch 2.13 deprecates.
+@pytest.mark.filterwarnings("ignore:.*LeafSpec:FutureWarning")
+def test_lightning_ends_the_workers(tmp_path: Path) -> None:
+    training = loader(workers=1)
+    processes: list[Any] = []
+
+    class Watching(Recorder):
+        def training_step(self, batch: PairBatch, number: int) -> torch.Tensor:
+            processes[:] = training._iterator._workers
+            return super().training_step(batch, number)
+
+    trainer(tmp_path, max_epochs=2, enable_checkpointing=False).fit(
+        Watching(), training, loader(fixed=True)
+    )
+    assert len(processes) == 1
+    assert training._iterator is None
+    assert not processes[0].is_alive()

@@ -221,3 +221,21 @@ def test_options_parse_from_a_configuration_file(archive: Path, tmp_path: Path) 
     )
     assert parsed.motion == Motion("official_euler", 45.0, 0.5)
     assert parsed.evaluation_motion == parsed.motion
+
+
+@pytest.mark.parametrize(
+    ("path", "options"),
+    [
+        ("procedural_module.ProceduralData", {"symmetry_below": 0.8, "workers": 2}),
+        ("folder.FolderData", {"path": "clouds", "points_per_shape": 1024}),
+        ("modelnet_module.ModelNetData", {"path": "ModelNet40", "exclude_categories": ["vase"]}),
+        ("rgbd_module.RgbdData", {"train": ["a", "b"], "gaps": [1, 10], "batch_size": 4}),
+    ],
+)
+def test_every_data_module_parses(path: str, options: dict[str, object]) -> None:
+    parser = ArgumentParser()
+    parser.add_subclass_arguments(PairDataModule, "data")
+    configuration = {"class_path": f"training.data.{path}", "init_args": {"seed": 3, **options}}
+    parsed = parser.instantiate(parser.parse_object({"data": configuration})).data
+    assert isinstance(parsed, PairDataModule)
+    assert parsed.seed == 3
