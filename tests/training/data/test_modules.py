@@ -239,3 +239,20 @@ def test_every_data_module_parses(path: str, options: dict[str, object]) -> None
     parsed = parser.instantiate(parser.parse_object({"data": configuration})).data
     assert isinstance(parsed, PairDataModule)
     assert parsed.seed == 3
+
+
+def test_real_archives_load(data_root: Path) -> None:
+    modelnet = PackedData(data_root / "objects" / "modelnet10.npz", split="official", batch_size=4)
+    with pytest.raises(InvalidOptionError, match="2048 points"):
+        modelnet.train_dataloader()
+    assert len(modelnet.shapes("test")) == 908
+    assert len(modelnet.shapes("train")) + len(modelnet.shapes("val")) == 3991
+    furniture = PackedData(
+        data_root / "objects" / "furniture.npz",
+        exclude_categories=["Lights"],
+        batch_size=4,
+        perturbation=Perturbation(sigma=(0.01, 0.01), crop_share=(0.2, 0.2)),
+    )
+    batch = next(iter(furniture.train_dataloader()))
+    assert batch.target.shape == (4, 819, 3)
+    assert batch.source.norm(dim=-1).max() < 1.2
