@@ -70,7 +70,7 @@ def _limb_size(random: Random) -> FloatArray:
 def _attached(parts: list[Part], random: Random) -> Part:
     """A new part whose lower end sits in the surface of one of the others."""
     host = parts[0] if random.random() < 0.6 else parts[random.integers(len(parts))]
-    point, normal, _ = sample_triangles(host.triangles(), 1, random)
+    point, normal, _ = sample_triangles(host.triangles, 1, random)
     size = _limb_size(random)
     direction = _limb_direction(normal[0], random)
     reach = size[2] * random.uniform(0.4, 0.95)

@@ -80,6 +80,10 @@ class PairDataModule(LightningDataModule, ABC):
         """The same pairs every time, others than for validation."""
         return self._loader("test", self.evaluation_motion)
 
+    def predict_dataloader(self) -> PairLoader:
+        """The test pairs."""
+        return self.test_dataloader()
+
     def _loader(self, subset: Subset, motion: Motion) -> PairLoader:
         trainer = self.trainer
         overfitting = getattr(trainer, "overfit_batches", 0) > 0

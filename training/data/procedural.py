@@ -16,7 +16,7 @@ from training.data.symmetry import self_similarity
 
 # Coarser than the measure for real shapes: it only has to catch the plainly symmetric ones, fast.
 _SIMILARITY_SAMPLES = 128
-_SIMILARITY_STEP_DEG = 30.0
+_SIMILARITY_STEP_DEG = 32.0
 _ATTEMPTS = 100
 _LEAST_VISIBLE_SHARE = 0.3
 
@@ -98,7 +98,7 @@ class Assembly:
 
     def __init__(self, parts: list[Part]) -> None:
         self.parts = parts
-        triangles = [part.triangles() for part in parts]
+        triangles = [part.triangles for part in parts]
         self._triangles = np.concatenate(triangles)
         self._owner = np.repeat(np.arange(len(parts)), [len(t) for t in triangles])
         self._boxes = [(t.min(axis=(0, 1)), t.max(axis=(0, 1))) for t in triangles]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
@@ -14,6 +15,7 @@ from training.data.profile import BoolArray, FloatArray, IntArray, Profile
 class Solid(Protocol):
     """A body in its own frame, of about the size of the cube [−1, 1]³."""
 
+    @property
     def surface(self) -> tuple[FloatArray, IntArray]:
         """Vertices (V, 3) and faces (F, 3), counter-clockwise from outside."""
         ...
@@ -23,7 +25,7 @@ class Solid(Protocol):
         ...
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Prism:
     """A profile extruded from z = −1 to z = 1: box, wedge, pyramid, L-, T- or U-section.
 
@@ -35,6 +37,7 @@ class Prism:
     profile: Profile
     taper: float = 1.0
 
+    @cached_property
     def surface(self) -> tuple[FloatArray, IntArray]:
         """Two caps and the sides between them."""
         flat, cap = self.profile.vertices, self.profile.triangles
@@ -61,7 +64,7 @@ class Prism:
         return inside
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Revolution:
     """A profile in the (r, z) half-plane, r ≥ 0, turned about z: cylinder, cone, torus, bowl, tube.
 
@@ -73,6 +76,7 @@ class Revolution:
     profile: Profile
     segments: int = 32
 
+    @cached_property
     def surface(self) -> tuple[FloatArray, IntArray]:
         """A quadrilateral for every edge of the profile and every segment of the turn."""
         r, z = self.profile.outline.T
@@ -96,7 +100,7 @@ class Revolution:
         return self.profile.holds(np.stack([radius, points[:, 2]], axis=1))
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Pipe:
     """A round bar along a smooth path: handle, bent tube, cable.
 
@@ -110,6 +114,7 @@ class Pipe:
     radius: float
     segments: int = 12
 
+    @cached_property
     def surface(self) -> tuple[FloatArray, IntArray]:
         """Rings along the path, carried without twist, and two flat ends."""
         first, second = self._frames()
@@ -160,7 +165,7 @@ class Pipe:
         return first, np.cross(tangent, first)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Part:
     """A solid put in its place: p = A p_solid + offset, A invertible, mirrors allowed.
 
@@ -178,9 +183,10 @@ class Part:
         """The part after p → A p + offset."""
         return Part(self.solid, A @ self.A, A @ self.offset + offset)
 
+    @cached_property
     def triangles(self) -> FloatArray:
         """(F, 3, 3) corners, counter-clockwise from outside."""
-        vertices, faces = self.solid.surface()
+        vertices, faces = self.solid.surface
         if np.linalg.det(self.A) < 0.0:
             faces = faces[:, ::-1]
         corners: FloatArray = (vertices @ self.A.T + self.offset)[faces]

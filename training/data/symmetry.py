@@ -23,7 +23,7 @@ _COARSE_LENGTHSCALE = 0.15
 _GRID_REACH = 1.1
 _GRID_CELLS = 24
 # (starts, steps): the best starts of the coarse search climb first, the best of those go on.
-_CLIMBS = ((12, 1), (4, 4))
+_CLIMBS = ((8, 1), (3, 4))
 
 
 def self_similarity(points: Tensor, samples: int = 256, step_deg: float = 20.0) -> float:

@@ -21,7 +21,7 @@ CUBE_FACES = (
 def angle_bar() -> tuple[FloatArray, IntArray]:
     """A mesh without symmetry: an L section, sheared."""
     line = np.array([[-1.0, 1.0], [-1.0, -1.0], [0.6, -1.0]])
-    vertices, faces = Prism(strip(line, 0.3)).surface()
+    vertices, faces = Prism(strip(line, 0.3)).surface
     return vertices @ np.array([[1.0, 0.0, 0.4], [0.0, 1.5, 0.0], [0.0, 0.0, 0.7]]), faces
 
 

@@ -47,7 +47,7 @@ def archive(tmp_path_factory: pytest.TempPathFactory) -> Path:
     points, normals = [], []
     for number in range(20):
         parts = [vase] if number < 10 else [angle, arm]
-        corners = np.concatenate([part.triangles() for part in parts])
+        corners = np.concatenate([part.triangles for part in parts])
         p, n, _ = sample_triangles(corners, 600, random)
         p -= p.mean(0)
         points.append(np.round(32767 * p / np.linalg.norm(p, axis=1).max()))

@@ -27,7 +27,7 @@ def volume(triangles: np.ndarray) -> float:
     ],
 )
 def test_surface_is_closed_outward_and_of_the_right_volume(solid: Solid, expected: float) -> None:
-    assert volume(Part(solid, np.eye(3), np.zeros(3)).triangles()) == pytest.approx(
+    assert volume(Part(solid, np.eye(3), np.zeros(3)).triangles) == pytest.approx(
         expected, rel=1e-3
     )
 
@@ -39,7 +39,7 @@ def test_normals_point_out_of_what_the_solid_holds(family, mirrored: bool) -> No
     for _ in range(4):
         A = np.diag([0.9, -0.6 if mirrored else 0.6, 0.8])
         part = Part(family(random), A, np.array([0.3, -0.2, 0.1]))
-        points, normals, _ = sample_triangles(part.triangles(), 2000, random)
+        points, normals, _ = sample_triangles(part.triangles, 2000, random)
         assert np.allclose(np.linalg.norm(normals, axis=1), 1.0)
         # Facets cut the round solids' chords, and thin walls have two sides close together.
         inner, outer = part.holds(points - 0.012 * normals), part.holds(points + 0.012 * normals)
@@ -50,7 +50,7 @@ def test_normals_point_out_of_what_the_solid_holds(family, mirrored: bool) -> No
 def test_samples_are_spread_by_area() -> None:
     random = np.random.default_rng(0)
     triangles = Part(Prism(rectangle(-1, 1, -1, 1)), np.diag([1.0, 1.0, 3.0]), np.zeros(3))
-    _, normals, _ = sample_triangles(triangles.triangles(), 40_000, random)
+    _, normals, _ = sample_triangles(triangles.triangles, 40_000, random)
     # Caps have 2 × 4 of the 2 × 4 + 4 × 12 units of area.
     assert np.mean(np.abs(normals[:, 2]) > 0.5) == pytest.approx(8 / 56, abs=0.01)
 

@@ -13,7 +13,7 @@ from training.data.symmetry import self_similarity
 
 
 def sampled(solids: list[Part]) -> Tensor:
-    triangles = np.concatenate([part.triangles() for part in solids])
+    triangles = np.concatenate([part.triangles for part in solids])
     points, _, _ = sample_triangles(triangles, 4096, np.random.default_rng(0))
     return unit_sphere(torch.from_numpy(points)).float()
 
