@@ -14,7 +14,8 @@ from model.exceptions import InvalidOptionError
 from training.data.module import STREAM, PairDataModule, Subset
 from training.data.motion import Motion
 from training.data.pairs import PairKey, RegistrationPair
-from training.data.rgbd import RgbdSequence, evenly_spread, frame_pairs, read_sequence
+from training.data.rgbd import RgbdSequence, evenly_spread, frame_pairs
+from training.data.rgbd_folder import read_sequence
 from training.data.seeding import Stream, torch_generator
 
 # The paper's: on top of the camera's own motion.

@@ -18,7 +18,8 @@ from model.exceptions import (
 from model.se3 import rotation_angle
 from training.data.motion import Motion
 from training.data.pairs import PairKey
-from training.data.rgbd import Camera, evenly_spread, frame_pairs, read_sequence
+from training.data.rgbd import Camera, evenly_spread, frame_pairs
+from training.data.rgbd_folder import read_sequence
 from training.data.rgbd_module import RgbdData
 
 WIDTH, HEIGHT = 80, 60
