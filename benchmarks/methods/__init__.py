@@ -1,0 +1,91 @@
+"""The methods that a benchmark compares, chosen by name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from importlib import import_module
+
+from benchmarks.methods.method import Answer, Method
+from benchmarks.methods.start import Start
+from model.artifact import load_artifact
+from model.exceptions import InvalidOptionError
+
+# Where each class is; imported only when it is asked for, because they bring large libraries.
+_LOCAL = {
+    "icp": ("benchmarks.methods.icp", "OpenIcp"),
+    "gicp": ("benchmarks.methods.icp", "OpenGicp"),
+    "small_gicp": ("benchmarks.methods.small_gicp", "SmallGicp"),
+    "geometric_cvo": ("benchmarks.methods.geometric_cvo", "GeometricCvo"),
+}
+_GLOBAL = {
+    "identity": ("benchmarks.methods.identity", "Identity"),
+    "ransac": ("benchmarks.methods.fpfh", "FpfhRansac"),
+    "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
+    "kiss_matcher": ("benchmarks.methods.kiss_matcher", "KissMatcher"),
+}
+_OURS = ("ours", "ours_gradient", "ours_no_features", "ours_random_encoder")
+# Packages that only one method needs, and that nobody has to install.
+_OPTIONAL = {"small_gicp", "kiss_matcher"}
+
+METHOD_NAMES = (*_OURS, *_LOCAL, *_GLOBAL)
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """The methods that take part.
+
+    Attributes:
+        methods: in the order asked for.
+        absent: why the others can't take part, a line each.
+    """
+
+    methods: list[Method] = field(default_factory=list)
+    absent: list[str] = field(default_factory=list)
+
+
+def build_methods(
+    names: Sequence[str], artifact: str | None = None, start: Start = "centroids"
+) -> Field:
+    """Build methods by name.
+
+    Args:
+        names: of ``METHOD_NAMES``.
+        artifact: directory or name of our artifact; None for the shipped one.
+        start: where local methods start.
+
+    Raises:
+        InvalidOptionError: no such method.
+        ArtifactError: the artifact can't be loaded.
+    """
+    unknown = [name for name in names if name not in METHOD_NAMES]
+    if unknown:
+        raise InvalidOptionError(
+            "no such method",
+            field="methods",
+            value=", ".join(unknown),
+            mend=f"choose from {', '.join(METHOD_NAMES)}",
+        )
+    found = Field()
+    for name in names:
+        try:
+            found.methods.append(_build(name, artifact, start))
+        except ModuleNotFoundError as error:
+            if error.name not in _OPTIONAL:
+                raise
+            found.absent.append(f"{name} is left out: the package {error.name} isn't installed")
+    return found
+
+
+def _build(name: str, artifact: str | None, start: Start) -> Method:
+    if name in _OURS:
+        from benchmarks.methods.equivalign import VARIANTS
+
+        return VARIANTS[name](load_artifact(artifact))
+    module, kind = (_LOCAL | _GLOBAL)[name]
+    build = getattr(import_module(module), kind)
+    method: Method = build(start=start) if name in _LOCAL else build()
+    return method
+
+
+__all__ = ["METHOD_NAMES", "Answer", "Field", "Method", "build_methods"]

@@ -1,0 +1,142 @@
+"""Open3D's global methods on FPFH features: RANSAC and fast global registration, then ICP.
+
+Neither estimates a scale. Every length is a multiple of the clouds' spacing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+import open3d as o3d
+
+from benchmarks.methods.icp import polished
+from benchmarks.methods.method import Answer
+from benchmarks.methods.open3d_cloud import (
+    NORMAL_RADIUS,
+    estimate_outward_normals,
+    neighbourhood,
+    open3d_cloud,
+    spacing,
+)
+from benchmarks.pair import FloatArray
+
+_registration: Any = o3d.pipelines.registration
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """How FPFH is computed.
+
+    Attributes:
+        normal_radius: in spacings.
+        feature_radius: in spacings.
+        neighbours: at most this many in a feature's neighbourhood.
+    """
+
+    normal_radius: float = NORMAL_RADIUS
+    feature_radius: float = 10.0
+    neighbours: int = 100
+
+    def of(self, points: FloatArray, step: float) -> tuple[Any, Any]:
+        """The cloud (N, 3) with its normals, and its features."""
+        cloud = open3d_cloud(points)
+        estimate_outward_normals(cloud, self.normal_radius * step)
+        search = neighbourhood(self.feature_radius * step, self.neighbours)
+        return cloud, _registration.compute_fpfh_feature(cloud, search)
+
+
+@dataclass(frozen=True, slots=True)
+class FpfhRansac:
+    """RANSAC over mutually nearest features, three a sample, then ICP.
+
+    Attributes:
+        features: how they are computed.
+        reach: distance that counts as an inlier, in spacings.
+        edge_ratio: least ratio of a sample's corresponding edges.
+        iterations: at most.
+        confidence: of having drawn one good sample, which ends the search.
+    """
+
+    features: Features = Features()
+    reach: float = 2.5
+    edge_ratio: float = 0.9
+    iterations: int = 100_000
+    confidence: float = 0.999
+    name: ClassVar[str] = "ransac"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """See Method.settings."""
+        return {"open3d": o3d.__version__, "with_scaling": False, **asdict(self)}
+
+    def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
+        """See Method.register."""
+        step = spacing(open3d_cloud(source), open3d_cloud(target))
+        moving, moving_features = self.features.of(source, step)
+        fixed, fixed_features = self.features.of(target, step)
+        o3d.utility.random.seed(seed)
+        # Open3D warns when few features match mutually, and then uses all of them.
+        with o3d.utility.VerbosityContextManager(o3d.utility.VerbosityLevel.Error):
+            found = _registration.registration_ransac_based_on_feature_matching(
+                moving,
+                fixed,
+                moving_features,
+                fixed_features,
+                mutual_filter=True,
+                max_correspondence_distance=self.reach * step,
+                estimation_method=_registration.TransformationEstimationPointToPoint(
+                    with_scaling=False
+                ),
+                ransac_n=3,
+                checkers=[
+                    _registration.CorrespondenceCheckerBasedOnEdgeLength(self.edge_ratio),
+                    _registration.CorrespondenceCheckerBasedOnDistance(self.reach * step),
+                ],
+                criteria=_registration.RANSACConvergenceCriteria(self.iterations, self.confidence),
+            )
+        T = polished(moving, fixed, np.array(found.transformation), step)
+        return Answer(T, {"fitness": float(found.fitness)})
+
+
+@dataclass(frozen=True, slots=True)
+class FpfhFgr:
+    """Fast global registration at absolute scale, then ICP.
+
+    Attributes:
+        features: how they are computed.
+        reach: correspondence distance, in spacings.
+        iterations: of its graduated optimisation.
+        tuples: at most this many triples of matches.
+    """
+
+    features: Features = Features()
+    reach: float = 2.5
+    iterations: int = 64
+    tuples: int = 10_000
+    name: ClassVar[str] = "fgr"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """See Method.settings."""
+        return {"open3d": o3d.__version__, "use_absolute_scale": True, **asdict(self)}
+
+    def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
+        """See Method.register."""
+        step = spacing(open3d_cloud(source), open3d_cloud(target))
+        moving, moving_features = self.features.of(source, step)
+        fixed, fixed_features = self.features.of(target, step)
+        o3d.utility.random.seed(seed)
+        option = _registration.FastGlobalRegistrationOption(
+            use_absolute_scale=True,
+            decrease_mu=True,
+            maximum_correspondence_distance=self.reach * step,
+            iteration_number=self.iterations,
+            maximum_tuple_count=self.tuples,
+        )
+        found = _registration.registration_fgr_based_on_feature_matching(
+            moving, fixed, moving_features, fixed_features, option
+        )
+        T = polished(moving, fixed, np.array(found.transformation), step)
+        return Answer(T, {"fitness": float(found.fitness)})

@@ -1,0 +1,63 @@
+"""GICP as the small_gicp package does it; it is optional."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from typing import Any, ClassVar
+
+import numpy as np
+import small_gicp
+
+from benchmarks.methods.method import Answer
+from benchmarks.methods.open3d_cloud import open3d_cloud, spacing
+from benchmarks.methods.start import Start, start_pose
+from benchmarks.pair import FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SmallGicp:
+    """Coarse to fine.
+
+    Attributes:
+        start: where it starts from.
+        reach: correspondence distances of the stages, in spacings.
+        neighbours: of a point's covariance.
+        iterations: at most this many a stage.
+    """
+
+    start: Start = "centroids"
+    reach: tuple[float, ...] = (20.0, 10.0, 3.0, 1.5)
+    neighbours: int = 10
+    iterations: int = 50
+    name: ClassVar[str] = "small_gicp"
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """See Method.settings."""
+        return {"small_gicp": version("small_gicp"), **asdict(self)}
+
+    def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
+        """See Method.register; it draws nothing at random."""
+        step = spacing(open3d_cloud(source), open3d_cloud(target))
+        # A grid this fine leaves every point in a cell of its own.
+        fixed, fixed_tree = small_gicp.preprocess_points(
+            target, downsampling_resolution=1e-3 * step, num_neighbors=self.neighbours
+        )
+        moving, _ = small_gicp.preprocess_points(
+            source, downsampling_resolution=1e-3 * step, num_neighbors=self.neighbours
+        )
+        T = start_pose(self.start, source, target)
+        for reach in self.reach:
+            T = small_gicp.align(
+                fixed,
+                moving,
+                fixed_tree,
+                T,
+                registration_type="GICP",
+                max_correspondence_distance=reach * step,
+                max_iterations=self.iterations,
+                rotation_epsilon=1e-5,
+                translation_epsilon=1e-4 * step,
+            ).T_target_source
+        return Answer(np.array(T))

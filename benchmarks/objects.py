@@ -1,0 +1,185 @@
+"""``objects``: pairs made from shapes, by the protocols ``paper``, ``full`` and ``hard``."""
+
+from __future__ import annotations
+
+from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, get_args
+
+import numpy as np
+from rich.console import Console
+
+from benchmarks.competitor import Competitor, Contestant, ExternalPoses
+from benchmarks.contest import contest_progress, hold_contest
+from benchmarks.methods import METHOD_NAMES, build_methods
+from benchmarks.pair import PairEntry
+from benchmarks.plots import write_plots
+from benchmarks.protocol import PAPER_ANGLES, Protocol, ProtocolName, Sampler, build_protocol
+from benchmarks.provenance import Provenance
+from benchmarks.results import open_results
+from benchmarks.shape_pairs import (
+    SYMMETRIC_ABOVE,
+    ShapePairMaker,
+    choose_shapes,
+    list_pairs,
+)
+from benchmarks.shapes import PROCEDURAL, ShapeCollection, Split, open_shapes
+from benchmarks.table import print_results
+from model.exceptions import InvalidOptionError
+from training.data.perturbation import CropRule
+
+DEFAULT_METHODS = "ours,icp,gicp,ransac,fgr"
+
+
+def objects_command(arguments: list[str], command: str) -> int:
+    """Register shapes turned and spoilt by a protocol, with every method.
+
+    Args:
+        arguments: after the benchmark's name.
+        command: the whole command, for the results file.
+    """
+    given = _parser().parse_args(arguments)
+    collection = open_shapes(given.data, given.split, given.seed)
+    protocol = _protocol(given, collection)
+    results = open_results(given.out, "objects", _settings(given, protocol))
+    field = build_methods(given.methods, given.artifact)
+    competitors: list[Competitor] = [Contestant(method) for method in field.methods]
+    competitors += [ExternalPoses.read(path) for path in given.external]
+    _require_some(competitors)
+    results.absent = field.absent
+    console = Console()
+    with contest_progress() as progress:
+        choices = choose_shapes(collection, given.limit, given.symmetric, given.symmetric_above)
+        entries = list_pairs(protocol, choices, given.seed)
+        results.shapes = [asdict(choice) for choice in choices]
+        maker = ShapePairMaker(collection, protocol)
+        if given.export_pairs is not None:
+            export_pairs(entries, maker, given.export_pairs)
+        hold_contest(
+            entries,
+            maker.make,
+            competitors,
+            results,
+            Provenance.now(command),
+            given.out,
+            progress,
+        )
+    print_results(results, console)
+    if given.out is not None:
+        page = given.out.with_suffix(".html")
+        write_plots(results, page)
+        console.print(f"{given.out}, {page}")
+    return 0
+
+
+def _parser() -> ArgumentParser:
+    parser = ArgumentParser(prog="equivalign benchmark objects", description=__doc__)
+    parser.add_argument(
+        "--data",
+        default=PROCEDURAL,
+        metavar="PLACE",
+        help="archive or folder of shapes, ModelNet in any of its layouts, or procedural (default)",
+    )
+    parser.add_argument("--split", choices=get_args(Split), default="test")
+    parser.add_argument("--protocol", choices=get_args(ProtocolName), default="paper")
+    parser.add_argument("--columns", type=_names, metavar="NAMES", help="default: all of them")
+    parser.add_argument(
+        "--angles", type=_angles, default=PAPER_ANGLES, metavar="DEG", help="for paper: 45,90"
+    )
+    parser.add_argument("--sampler", choices=get_args(Sampler), default="axis-angle")
+    parser.add_argument("--crop", choices=get_args(CropRule), default="half_space")
+    parser.add_argument(
+        "--limit", type=int, metavar="N", help="asymmetric shapes at most; default: all"
+    )
+    parser.add_argument(
+        "--symmetric", type=int, default=0, metavar="N", help="symmetric shapes at most; default 0"
+    )
+    parser.add_argument(
+        "--symmetric-above",
+        type=float,
+        default=SYMMETRIC_ABOVE,
+        metavar="SCORE",
+        help=f"self-similarity after a turn of 30° or more, default {SYMMETRIC_ABOVE}",
+    )
+    parser.add_argument(
+        "--methods",
+        type=_names,
+        default=_names(DEFAULT_METHODS),
+        metavar="NAMES",
+        help=f"of {', '.join(METHOD_NAMES)}; default {DEFAULT_METHODS}",
+    )
+    parser.add_argument("--artifact", metavar="DIR", help="ours; default: the shipped one")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument(
+        "--external",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="FILE",
+        help="poses another program found; may be given more than once",
+    )
+    parser.add_argument(
+        "--export-pairs", type=Path, metavar="DIR", help="write every pair's clouds as NPZ here"
+    )
+    parser.add_argument(
+        "--out", type=Path, metavar="FILE", help="results as JSON, plots beside it; resumes"
+    )
+    return parser
+
+
+def _names(text: str) -> list[str]:
+    return [name.strip() for name in text.split(",") if name.strip()]
+
+
+def _angles(text: str) -> list[float]:
+    return [float(angle) for angle in text.split(",")]
+
+
+def _protocol(given: Namespace, collection: ShapeCollection) -> Protocol:
+    protocol = build_protocol(
+        given.protocol,
+        given.angles,
+        given.sampler,
+        given.crop,
+        collection.shapes.points_per_shape,
+    )
+    return protocol if given.columns is None else protocol.restricted(given.columns)
+
+
+def _settings(given: Namespace, protocol: Protocol) -> dict[str, Any]:
+    """What decides the pairs and their arrays, but not how many there are."""
+    return {
+        "data": Path(given.data).name,
+        "split": given.split,
+        "protocol": protocol.name,
+        "sampler": given.sampler,
+        "crop": given.crop,
+        "seed": given.seed,
+        "symmetric_above": given.symmetric_above,
+    }
+
+
+def _require_some(competitors: Sequence[Competitor]) -> None:
+    if not competitors:
+        raise InvalidOptionError(
+            "nobody takes part",
+            field="methods",
+            mend="name a method whose packages are installed, or give --external",
+        )
+
+
+def export_pairs(entries: Sequence[PairEntry], maker: ShapePairMaker, folder: Path) -> None:
+    """Write the clouds of every pair, without the pose, as FOLDER/COLUMN/TURN/NUMBER.npz.
+
+    Args:
+        entries: the list.
+        maker: of the arrays.
+        folder: made where it isn't there.
+    """
+    for entry in entries:
+        pair = maker.make(entry)
+        path = folder / f"{entry.name}.npz"
+        path.parent.mkdir(parents=True, exist_ok=True)
+        np.savez(path, source=pair.source, target=pair.target, seed=entry.seed)
