@@ -10,6 +10,8 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from model.inner_loop import Solution
+from model.inner_loop.objective import Objective
+from model.kernel import InnerProducts
 from model.normalization import JointFrame
 from model.result import Iteration
 
@@ -63,6 +65,13 @@ class Overlap:
             distance=reach * scale,
             rmse=rmse,
         )
+
+
+def inner_products(objective: Objective, solution: Solution) -> InnerProducts:
+    """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,ĥZ⟩ at the answer and ℓ̂."""
+    cross = objective.moments(solution.T_target_source, solution.lengthscale)
+    own_target, own_source = objective.own_moments(solution.lengthscale)
+    return InnerProducts(own_target.mass, own_source.mass, cross.mass)
 
 
 def iterations(solution: Solution, scale: float) -> list[Iteration]:

@@ -5,20 +5,22 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import torch
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
-from model.inner_loop import GradientLoop, InnerLoop, Solution
+from model.inner_loop import GradientLoop, ProcrustesLoop, Solution
+from model.inner_loop.near_objective import REACH, NearObjective, NearPairs
 from model.kernel import RkhsKernel
-from model.search import KINDS, Hypotheses, selection_score, within
-from model.search.field_steps import field_step
-from model.search.kernel_field import KernelField
+from model.search import KINDS, Candidates, selection_score, within
+from model.search.selection import SELECTION_REACH
 from model.settings import RegistrarSettings
 
-_SHORTLIST_POINTS = 512
-_SHORTLIST_LENGTHSCALE = 0.05
-_SHORTLIST_STEPS = 8
-_SHORTLIST_SCORED = 4
+# Near points for each source point: enough for three lengthscales on the reference spacing.
+_NEAR = 48
+_NEAR_IN_SELECTION = 24
+_SELECTION_POINTS = 512
+_FINALISTS = 3
 # Refinement may turn a pose a little past the allowed rotation without being another answer.
 _ROTATION_SLACK_DEG = 1.0
 
@@ -29,56 +31,97 @@ class Refined:
 
     Attributes:
         solution: of the last stage, a batch of one.
+        objective: that it was solved on.
         kind: where its start pose came from.
     """
 
     solution: Solution
+    objective: NearObjective
     kind: str
 
 
-def refine(
-    kernel: RkhsKernel,
-    target: CloudFunction,
-    source: CloudFunction,
-    candidates: Hypotheses,
-    loop: InnerLoop,
-    resolution: float,
-    R_centre: Tensor,
-    max_rotation_deg: float,
-    generator: torch.Generator,
-) -> Refined:
-    """Move each candidate on a fine field, select by the exact kernel, solve the winner exactly.
+@dataclass(frozen=True, slots=True)
+class Refinement:
+    """Selects among candidates by the exact kernel, then solves exactly.
 
-    Args:
+    Attributes:
         kernel: of the RKHS.
         target: (1, N, …).
         source: (1, M, …).
-        candidates: (K, …) from the search.
         loop: of the last stage.
         resolution: stretches every lengthscale for sparse clouds.
-        R_centre: (3, 3) the rotation that ``max_rotation_deg`` counts from.
-        max_rotation_deg: a pose beyond is refused, unless all are.
-        generator: chooses the points that are selected by.
+        tree: of the target's points.
     """
-    few_target = _subset(target, generator)
-    few_source = _subset(source, generator)
-    field = KernelField.of(target.points[0], _SHORTLIST_LENGTHSCALE * resolution)
-    T = candidates.T_target_source
-    for _ in range(_SHORTLIST_STEPS):
-        T = field_step(field, few_source.points[0], T)
-    candidates = candidates.moved_to(T)
-    score = selection_score(kernel, few_target, few_source, T, resolution)
-    allowed = within(candidates, R_centre, max_rotation_deg + _ROTATION_SLACK_DEG)
-    if bool(allowed.any()):
-        score = score.masked_fill(~allowed, -torch.inf)
-    best = score.topk(min(_SHORTLIST_SCORED, int((score > -torch.inf).sum()))).indices
-    full = selection_score(kernel, target, source, T[best], resolution)
-    winner = best[full.argmax()][None]
-    solution = loop.solve(kernel, target, source, T[winner])
-    return Refined(solution, KINDS[int(candidates.kind[winner])])
+
+    kernel: RkhsKernel
+    target: CloudFunction
+    source: CloudFunction
+    loop: GradientLoop | ProcrustesLoop
+    resolution: float
+    tree: KDTree
+
+    def refine(
+        self,
+        candidates: Candidates,
+        R_centre: Tensor,
+        max_rotation_deg: float,
+        generator: torch.Generator,
+    ) -> Refined:
+        """Score all on some points, solve the finalists, solve the winner to the end.
+
+        Args:
+            candidates: from the search.
+            R_centre: (3, 3) the rotation that ``max_rotation_deg`` counts from.
+            max_rotation_deg: a pose beyond is refused, unless all are.
+            generator: chooses the points that are selected by.
+        """
+        allowed = within(candidates.hypotheses, R_centre, max_rotation_deg + _ROTATION_SLACK_DEG)
+        if bool(allowed.any()):
+            candidates = candidates.select(allowed)
+        score = self._score(candidates, self._subset(generator))
+        finalists = candidates.select(score.topk(min(_FINALISTS, len(score))).indices)
+        settled = self._settle(finalists)
+        winner = settled.hypotheses.select(self._score(settled, self.source).argmax()[None])
+        objective = self._objective(winner.T_target_source)
+        solution = self.loop.minimise(objective, winner.T_target_source)
+        return Refined(solution, objective, KINDS[int(winner.kind[0])])
+
+    def _score(self, candidates: Candidates, source: CloudFunction) -> Tensor:
+        T, reach = candidates.hypotheses.T_target_source, SELECTION_REACH * self.resolution
+        pairs = NearPairs.at(
+            self.kernel, self.target, source, T, reach, _NEAR_IN_SELECTION, self.tree
+        )
+        return selection_score(pairs, T, candidates.support, self.resolution)
+
+    def _settle(self, finalists: Candidates) -> Candidates:
+        """A few closed-form steps of each finalist, all at once."""
+        T = finalists.hypotheses.T_target_source
+        loop = ProcrustesLoop(
+            lengthscale=0.05 * self.resolution,
+            lengthscale_end=0.035 * self.resolution,
+            steps_per_level=4,
+            final_steps=4,
+            record=False,
+        )
+        reach = REACH * loop.lengthscale
+        pairs = NearPairs.at(self.kernel, self.target, self.source, T, reach, _NEAR, self.tree)
+        objective = NearObjective(pairs, pairs, pairs)
+        moved = finalists.hypotheses.moved_to(loop.minimise(objective, T).T_target_source)
+        return Candidates(moved, finalists.support)
+
+    def _objective(self, T: Tensor) -> NearObjective:
+        """What is near the winner now stays near: the last stage moves it by less than ℓ."""
+        reach = (REACH + 1.0) * self.loop.lengthscale
+        return NearObjective.at(self.kernel, self.target, self.source, T, reach, _NEAR)
+
+    def _subset(self, generator: torch.Generator) -> CloudFunction:
+        order = torch.randperm(self.source.points.shape[1], generator=generator)
+        return self.source.select(order[:_SELECTION_POINTS])
 
 
-def last_stage(settings: RegistrarSettings, solver: str, resolution: float) -> InnerLoop:
+def last_stage(
+    settings: RegistrarSettings, solver: str, resolution: float
+) -> GradientLoop | ProcrustesLoop:
     """The inner loop that ends a registration, its lengthscales stretched for sparse clouds."""
     if solver == "gradient":
         loop: GradientLoop = settings.gradient
@@ -94,8 +137,3 @@ def last_stage(settings: RegistrarSettings, solver: str, resolution: float) -> I
         lengthscale=procrustes.lengthscale * resolution,
         lengthscale_end=procrustes.lengthscale_end * resolution,
     )
-
-
-def _subset(cloud: CloudFunction, generator: torch.Generator) -> CloudFunction:
-    order = torch.randperm(cloud.points.shape[1], generator=generator)
-    return cloud.select(order[:_SHORTLIST_POINTS])

@@ -9,16 +9,17 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
 from model.cloud_function import CloudFunction
-from model.diagnosis import Overlap, iterations, warn
+from model.diagnosis import Overlap, inner_products, iterations, warn
 from model.kernel import RkhsKernel
 from model.normalization import JointFrame
 from model.options import Options
 from model.point_cloud import as_points
-from model.refinement import Refined, last_stage, refine
+from model.refinement import Refined, Refinement, last_stage
 from model.result import Diagnostics, RegistrationResult
 from model.sampling import median_spacing, reduce_points
 from model.search import coarse_to_fine, hypothesise
@@ -95,11 +96,13 @@ class Registrar:
             f_target, f_source = self._encode(pair.target), self._encode(pair.source)
             stopwatch.lap("encode")
             start = hypothesise(
+                f_target,
+                f_source,
                 pair.T_initial,
                 options.max_rotation_deg,
-                self.artifact.settings.search.grid_step_deg,
-                f_target.points.dtype,
+                self.artifact.settings.hypotheses,
             )
+            stopwatch.lap("hypothesise")
             candidates = coarse_to_fine(
                 start,
                 f_target.points[0],
@@ -109,19 +112,21 @@ class Registrar:
                 pair.generator,
             )
             stopwatch.lap("search")
-            refined = refine(
+            refined = Refinement(
                 self._kernel,
                 f_target,
                 f_source,
-                candidates,
                 last_stage(self.artifact.settings, options.solver, pair.resolution),
                 pair.resolution,
+                KDTree(f_target.points[0].numpy()),
+            ).refine(
+                candidates,
                 start.T_target_source[0, :3, :3],
                 options.max_rotation_deg,
                 pair.generator,
             )
             stopwatch.lap("solve")
-            return self._diagnose(pair, options, refined, len(start), f_target, f_source, stopwatch)
+            return self._diagnose(pair, options, refined, len(start), stopwatch)
 
     def _encode(self, points: FloatArray) -> CloudFunction:
         x = torch.from_numpy(points).float()[None]
@@ -133,15 +138,12 @@ class Registrar:
         options: Options,
         refined: Refined,
         hypotheses: int,
-        f_target: CloudFunction,
-        f_source: CloudFunction,
         stopwatch: Stopwatch,
     ) -> RegistrationResult:
         solution, scale = refined.solution, pair.frame.scale
         T = _rigid(solution.T_target_source[0])
         overlap = Overlap.of(pair.target, pair.source, T, pair.spacing, scale)
-        R, t = solution.T_target_source[:, :3, :3], solution.T_target_source[:, :3, 3]
-        products = self._kernel.products(f_target, f_source.transformed(R, t), solution.lengthscale)
+        products = inner_products(refined.objective, solution)
         similarity = products.similarity.item()
         converged = bool(solution.converged[0])
         warnings = pair.notes + warn(

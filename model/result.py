@@ -49,7 +49,8 @@ class Diagnostics:
         inlier_distance: the distance that counts as overlap.
         inlier_rmse: root mean square distance of those source points to their nearest neighbour.
         hypotheses: start poses tried.
-        won_by: kind of the start pose that led to the answer: ``initial``, ``identity``, ``grid``.
+        won_by: kind of the start pose that led to the answer: ``initial``, ``identity``, ``matched``
+            (features) or ``grid``.
         solver: name of the inner loop.
         points_source: source points the solver used.
         points_target: target points the solver used.

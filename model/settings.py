@@ -8,6 +8,7 @@ from typing import Any
 
 from model.exceptions import InvalidOptionError
 from model.inner_loop import GradientLoop, ProcrustesLoop
+from model.search.hypotheses import HypothesisSettings
 from model.search.multi_start import SearchLevel, SearchSettings
 
 
@@ -18,6 +19,7 @@ class RegistrarSettings:
     Attributes:
         solver: inner loop that is used unless the caller names one.
         points: points of each cloud that the solver works on.
+        hypotheses: which start poses there are.
         search: of the global search.
         procrustes: the closed-form inner loop of the last stage.
         gradient: the paper's inner loop, as the last stage.
@@ -25,6 +27,7 @@ class RegistrarSettings:
 
     solver: str = "procrustes"
     points: int = 1024
+    hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     procrustes: ProcrustesLoop = field(
         default_factory=lambda: ProcrustesLoop(lengthscale=0.05, lengthscale_end=0.02)
@@ -46,6 +49,8 @@ class RegistrarSettings:
         """
         values = dict(plain)
         try:
+            if "hypotheses" in values:
+                values["hypotheses"] = HypothesisSettings(**values["hypotheses"])
             if "search" in values:
                 values["search"] = _search(values["search"])
             if "procrustes" in values:
@@ -67,6 +72,7 @@ class RegistrarSettings:
 
 def _search(plain: Mapping[str, Any]) -> SearchSettings:
     values = dict(plain)
-    if "levels" in values:
-        values["levels"] = [SearchLevel(**level) for level in values["levels"]]
+    for name in ("levels", "grid_levels"):
+        if name in values:
+            values[name] = [SearchLevel(**level) for level in values[name]]
     return SearchSettings(**values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable
 from typing import Any
 
@@ -44,6 +45,10 @@ def run(subcommand: str, argv: list[str]) -> int:
         subcommand: ``fit``, ``validate``, ``test`` or ``predict``.
         argv: what follows it on the command line.
     """
+    # LightningCLI expects to be the program itself; here it is one command of it.
+    warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
+    # Lightning's own calls; nothing a user could mend.
+    warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning")
     TrainingCLI(
         EquivAlign,
         PairDataModule,

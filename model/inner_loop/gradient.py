@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.inner_loop.objective import DenseObjective, Objective
 from model.inner_loop.solution import Solution, Step
 from model.kernel import InnerProducts, RkhsKernel
-from model.kernel.moments import PoseMoments, lengthscale_gradient, pose_gradient
+from model.kernel.moments import lengthscale_gradient, pose_gradient
 from model.se3 import retract
 
 
@@ -19,8 +20,8 @@ class GradientLoop:
     """Gradient descent with momentum on d (paper, sections 4.4 and 4.5).
 
     Dividing by ⟨X,X⟩ + ⟨Z,Z⟩ and the factor ℓ² make one learning rate hold for every number of
-    points and every lengthscale: a step is then a share of ℓ. All steps are closed-form sums, so the
-    loop is differentiable by ordinary backpropagation, without second derivatives of autograd.
+    points and every lengthscale: a step is then a share of ℓ. All steps are closed-form sums, so
+    the loop is differentiable by ordinary backpropagation, without autograd's second derivatives.
 
     Attributes:
         iterations: at most this many steps (the released code: 800).
@@ -48,13 +49,17 @@ class GradientLoop:
         T_target_source: Tensor,
     ) -> Solution:
         """See InnerLoop.solve."""
+        return self.minimise(DenseObjective(kernel, target, source), T_target_source)
+
+    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
+        """See InnerLoop.minimise."""
         T = T_target_source
         ell = T.new_full((len(T),), self.lengthscale)
         velocity, ell_velocity = T.new_zeros(len(T), 6), torch.zeros_like(ell)
         active = torch.ones_like(ell, dtype=torch.bool)
         steps: list[Step] = []
         for _ in range(self.iterations):
-            descent = DistanceGradient.of(kernel, target, source, T, ell)
+            descent = DistanceGradient.of(objective, T, ell)
             rate = self.learning_rate * ell.square()
             velocity = self.momentum * velocity - rate[:, None] * descent.pose
             ell_rate = rate / self.lengthscale_rate_ratio
@@ -85,19 +90,10 @@ class DistanceGradient:
     products: InnerProducts
 
     @classmethod
-    def of(
-        cls,
-        kernel: RkhsKernel,
-        target: CloudFunction,
-        source: CloudFunction,
-        T: Tensor,
-        lengthscale: Tensor,
-    ) -> DistanceGradient:
+    def of(cls, objective: Objective, T: Tensor, lengthscale: Tensor) -> DistanceGradient:
         """Evaluate at the pose T (B, 4, 4) and ℓ (B,)."""
-        moved = source.transformed(T[:, :3, :3], T[:, :3, 3])
-        cross = _moments(kernel, target, moved, lengthscale)
-        self_target = _moments(kernel, target, target, lengthscale)
-        self_source = _moments(kernel, source, source, lengthscale)
+        cross = objective.moments(T, lengthscale)
+        self_target, self_source = objective.own_moments(lengthscale)
         normaliser = self_target.mass + self_source.mass
         lengthscale_slope = (
             lengthscale_gradient(self_target, lengthscale)
@@ -109,9 +105,3 @@ class DistanceGradient:
             lengthscale_slope / normaliser,
             InnerProducts(self_target.mass, self_source.mass, cross.mass),
         )
-
-
-def _moments(
-    kernel: RkhsKernel, target: CloudFunction, moved: CloudFunction, lengthscale: Tensor
-) -> PoseMoments:
-    return PoseMoments.of(kernel, target, moved, kernel.terms(target, moved, lengthscale))

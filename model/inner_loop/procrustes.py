@@ -8,11 +8,11 @@ import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.inner_loop.objective import DenseObjective, Objective
 from model.inner_loop.solution import Solution, Step
 from model.kernel import InnerProducts, RkhsKernel
 from model.kernel.moments import PoseMoments
 from model.se3 import closest_rotation, pose_log, pose_matrix, retract
-
 
 _LONGEST_STRETCH = 8.0
 # A step below this share of ℓ has converged.
@@ -54,17 +54,20 @@ class ProcrustesLoop:
         T_target_source: Tensor,
     ) -> Solution:
         """See InnerLoop.solve."""
+        return self.minimise(DenseObjective(kernel, target, source), T_target_source)
+
+    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
+        """See InnerLoop.minimise."""
         T = T_target_source
         steps: list[Step] = []
         for level in self.lengthscales():
             ell = T.new_full((len(T),), level)
             last = level == self.lengthscale_end
             count = self.final_steps if last else self.steps_per_level
-            climb = self._climb(kernel, target, source, T, ell, count)
+            climb = self._climb(objective, T, ell, count)
             T = climb.T_target_source
             if self.record:
-                xx = kernel.inner_product(target, target, ell)
-                zz = kernel.inner_product(source, source, ell)
+                xx, zz = (own.mass for own in objective.own_moments(ell))
                 steps += [
                     Step.of(ell, InnerProducts(xx, zz, xz), delta) for xz, delta in climb.steps
                 ]
@@ -78,18 +81,10 @@ class ProcrustesLoop:
             level *= self.anneal
         return [*levels, self.lengthscale_end]
 
-    def _climb(
-        self,
-        kernel: RkhsKernel,
-        target: CloudFunction,
-        source: CloudFunction,
-        T: Tensor,
-        ell: Tensor,
-        count: int,
-    ) -> _Climb:
+    def _climb(self, objective: Objective, T: Tensor, ell: Tensor, count: int) -> _Climb:
         """Guarded, stretched steps at one ℓ."""
         steps: list[tuple[Tensor, Tensor]] = []
-        value, delta = _propose(kernel, target, source, T, ell)
+        value, delta = _propose(objective, T, ell)
         factor = torch.ones_like(ell)
         for _ in range(count):
             size = delta.detach().norm(dim=-1)
@@ -97,7 +92,7 @@ class ProcrustesLoop:
             if bool((size <= self.tolerance).all()):
                 break
             T_try = retract(T, factor[:, None] * delta)
-            value_try, delta_try = _propose(kernel, target, source, T_try, ell)
+            value_try, delta_try = _propose(objective, T_try, ell)
             better = value_try >= value
             T = torch.where(better[:, None, None], T_try, T)
             value = torch.where(better, value_try, value)
@@ -122,12 +117,9 @@ class _Climb:
     steps: list[tuple[Tensor, Tensor]]
 
 
-def _propose(
-    kernel: RkhsKernel, target: CloudFunction, source: CloudFunction, T: Tensor, ell: Tensor
-) -> tuple[Tensor, Tensor]:
+def _propose(objective: Objective, T: Tensor, ell: Tensor) -> tuple[Tensor, Tensor]:
     """⟨X, hZ⟩ (B,) and the closed-form step δ (B, 6) at T."""
-    moved = source.transformed(T[:, :3, :3], T[:, :3, 3])
-    moments = PoseMoments.of(kernel, target, moved, kernel.terms(target, moved, ell))
+    moments = objective.moments(T, ell)
     return moments.mass, pose_log(procrustes_step(moments, ell))
 
 

@@ -8,6 +8,7 @@ from typing import Protocol
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.inner_loop.objective import Objective
 from model.kernel import InnerProducts, RkhsKernel
 
 
@@ -66,7 +67,7 @@ class InnerLoop(Protocol):
         source: CloudFunction,
         T_target_source: Tensor,
     ) -> Solution:
-        """Solve a batch.
+        """Solve a batch over all pairs of points.
 
         Args:
             kernel: of the RKHS.
@@ -74,4 +75,8 @@ class InnerLoop(Protocol):
             source: M points each.
             T_target_source: (B, 4, 4) start poses.
         """
+        ...
+
+    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
+        """Solve a batch on any objective, from start poses (B, 4, 4)."""
         ...

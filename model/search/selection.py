@@ -1,39 +1,34 @@
-"""Which of several solved poses is right."""
+"""Which of several poses is right."""
 
 from __future__ import annotations
 
+import torch
 from torch import Tensor
 
-from model.cloud_function import CloudFunction
-from model.kernel import RkhsKernel
+from model.inner_loop.near_objective import REACH, NearPairs
 
-FINE_LENGTHSCALE = 0.04
-COARSE_LENGTHSCALE = 0.08
+FINE_LENGTHSCALE = 0.03
+COARSE_LENGTHSCALE = 0.06
+# How far the pairs have to reach for the coarse kernel.
+SELECTION_REACH = REACH * COARSE_LENGTHSCALE
 
 
 def selection_score(
-    kernel: RkhsKernel,
-    target: CloudFunction,
-    source: CloudFunction,
-    T_target_source: Tensor,
-    resolution: float = 1.0,
+    pairs: NearPairs, T_target_source: Tensor, support: Tensor, resolution: float = 1.0
 ) -> Tensor:
-    """⟨X, hZ⟩ at a fine ℓ, weighted by its ratio to the one at a coarse ℓ, (K,).
+    """⟨X, hZ⟩ at a fine ℓ, weighted by its ratio to the one at a coarse ℓ and by votes, (K,).
 
     Under partial overlap the kernel sum alone prefers poses that overlap too much but fit loosely;
     those lose most of their sum when ℓ shrinks, the true pose loses least (design, section 6).
+    Matches that agree on a pose are evidence of another kind: they enter by their square root.
 
     Args:
-        kernel: of the RKHS.
-        target: (1, N, …) or (K, N, …).
-        source: (1, M, …) or (K, M, …).
+        pairs: near at the K poses, as far as ``SELECTION_REACH`` times the resolution.
         T_target_source: (K, 4, 4).
+        support: (K,) votes for each.
         resolution: stretches both lengthscales for sparse clouds.
     """
-    K = len(T_target_source)
-    target, source = target.expand(K), source.expand(K)
-    moved = source.transformed(T_target_source[:, :3, :3], T_target_source[:, :3, 3])
-    ones = T_target_source.new_ones(K)
-    fine = kernel.inner_product(target, moved, ones * (FINE_LENGTHSCALE * resolution))
-    coarse = kernel.inner_product(target, moved, ones * (COARSE_LENGTHSCALE * resolution))
-    return fine.square() / coarse.clamp_min(1e-12)
+    ones = torch.ones_like(T_target_source[:, 0, 0])
+    fine = pairs.mass(T_target_source, ones * (FINE_LENGTHSCALE * resolution))
+    coarse = pairs.mass(T_target_source, ones * (COARSE_LENGTHSCALE * resolution))
+    return fine.square() / coarse.clamp_min(1e-12) * (1.0 + support).sqrt()

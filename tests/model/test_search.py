@@ -1,20 +1,25 @@
 from __future__ import annotations
 
+import dataclasses
 import math
 
 import pytest
 import torch
 
 from model.cloud_function import CloudFunction
+from model.encoder import build_encoder
+from model.inner_loop.near_objective import NearPairs
 from model.inner_loop.procrustes import procrustes_step
 from model.kernel import RkhsKernel
 from model.kernel.moments import PoseMoments
 from model.se3 import pose_matrix, rotation_angle
-from model.search import Hypotheses, hypothesise, selection_score, within
+from model.search import Hypotheses, HypothesisSettings, hypothesise, selection_score, within
 from model.search.field_steps import field_score, field_step
 from model.search.hypotheses import KINDS, distinct
 from model.search.kernel_field import KernelField
+from model.search.matching import matched_poses
 from model.search.so3_grid import so3_grid
+from model.search.voting import consensus, support
 
 
 def test_the_grid_covers_every_rotation_evenly():
@@ -74,13 +79,21 @@ def test_a_hypothesis_that_left_the_field_keeps_its_pose(cloud):
     assert torch.equal(field_step(KernelField.of(cloud(0), 0.2), cloud(0), T), T)
 
 
-def test_hypotheses_start_with_the_callers_and_stay_in_reach(pose):
+def encoded(points):
+    torch.manual_seed(0)
+    encoder = build_encoder("vn_graph").eval()
+    with torch.no_grad():
+        return CloudFunction.of(points[None], encoder(points[None]))
+
+
+def test_hypotheses_start_with_the_callers_and_stay_in_reach(cloud, pose):
+    x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
     T = pose(0, 120.0).float()
-    start = hypothesise(T, 30.0, 15.0, torch.float32)
+    start = hypothesise(x, z, T, 30.0, HypothesisSettings(grid_step_deg=15.0))
     assert KINDS[int(start.kind[0])] == "initial"
     assert torch.equal(start.T_target_source[0], T)
     assert bool(within(start, T[:3, :3], 30.01).all())
-    free = hypothesise(None, 180.0, 30.0, torch.float32)
+    free = hypothesise(x, z, None, 180.0, HypothesisSettings())
     assert KINDS[int(free.kind[0])] == "identity"
     assert torch.allclose(free.T_target_source[0], torch.eye(4), atol=1e-6)
 
@@ -107,15 +120,51 @@ def test_selection_prefers_a_tight_partial_fit_to_a_loose_full_one():
     source[len(tight) :, 2] = 0.12
     T[1, 2, 3] = -0.06
     x, z = CloudFunction.of(target[None]), CloudFunction.of(source[None])
-    raw = [
-        kernel.inner_product(
-            x, z.transformed(t[None, :3, :3], t[None, :3, 3]), torch.tensor([0.08])
-        )
-        for t in T
-    ]
+    pairs = NearPairs.at(kernel, x, z, T, reach=0.4, most=400)
+    raw = pairs.mass(T, torch.full((2,), 0.08))
     assert raw[1] > raw[0]
-    score = selection_score(kernel, x, z, T)
+    nobody = torch.zeros(2)
+    score = selection_score(pairs, T, nobody)
     assert score[0] > score[1]
+    assert selection_score(pairs, T, torch.tensor([0.0, 1e6])).argmax() == 1
+
+
+def test_matched_features_name_the_pose(cloud, pose):
+    x = encoded(cloud(1) - cloud(1).mean(0))
+    T = pose(2, 140.0, shift=0.1).float()
+    z = encoded((x.points[0] - T[:3, 3]) @ T[:3, :3])
+    poses = matched_poses(x, z, 200)
+    right = rotation_angle(poses[:, :3, :3], T[:3, :3]).rad2deg() < 1.0
+    assert right.float().mean() > 0.9
+    assert (poses[right] - T)[:, :3, 3].abs().max() < 0.05
+    assert len(matched_poses(x.without_features(), z.without_features(), 200)) == 0
+
+
+def test_agreeing_matches_vouch_for_a_pose_and_their_mean_is_better(pose):
+    T = pose(0, 100.0, shift=0.1)[None].float()
+    generator = torch.Generator().manual_seed(0)
+    jitter = torch.stack([pose(i, 6.0, shift=0.02) for i in range(40)]).float() @ T
+    stray = torch.stack(
+        [pose(100 + i, 180.0 * float(torch.rand((), generator=generator))) for i in range(160)]
+    ).float()
+    voters = torch.cat([jitter, stray])
+    votes = support(voters, voters)
+    assert votes.argmax() < 40
+    mean = consensus(voters[votes.argmax()][None], voters)
+    assert rotation_angle(mean[:, :3, :3], T[:, :3, :3]).rad2deg().item() < 3.0
+    assert support(T, voters[:0]).item() == 0.0
+
+
+@pytest.mark.parametrize("off", ["matches", "grid_step_deg", "identity"])
+def test_each_source_of_hypotheses_can_be_switched_off(off, cloud):
+    x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
+    kind = {"matches": "matched", "grid_step_deg": "grid", "identity": "identity"}[off]
+    every = hypothesise(x, z, torch.eye(4), 180.0, HypothesisSettings())
+    without = hypothesise(
+        x, z, torch.eye(4), 180.0, dataclasses.replace(HypothesisSettings(), **{off: 0})
+    )
+    assert bool(every.of(kind).any())
+    assert not bool(without.of(kind).any())
 
 
 def test_selecting_keeps_kinds_in_order():

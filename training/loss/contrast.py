@@ -11,6 +11,7 @@ from torch import Tensor, nn
 from model.cloud_function import CloudFunction
 from model.kernel import squared_distances
 from model.se3 import axis_angle_rotation, pose_matrix
+from model.search.matching import invariants
 from training.loss.alignment import Alignment, weighted_mean
 
 
@@ -134,7 +135,7 @@ class InvariantContrast(nn.Module):
     def forward(self, alignment: Alignment) -> Tensor:
         """Scalar cross entropy."""
         a = alignment.thinned(self.points)
-        likeness = _unit(_gram(a.target)) @ _unit(_gram(a.source)).transpose(-1, -2)
+        likeness = invariants(a.target) @ invariants(a.source).transpose(-1, -2)
         logits = self.log_temperature.exp() * likeness
         return matching_cross_entropy(a, a.source_at(a.T_made), logits, self.neighbourhood)
 
@@ -165,9 +166,3 @@ def _weight(a: Alignment, uses_made_transform: bool) -> Tensor:
 def _unit(features: Tensor) -> Tensor:
     return nn.functional.normalize(features, dim=-1)
 
-
-def _gram(cloud: CloudFunction) -> Tensor:
-    """Upper triangle of FᵀF, (B, N, C(C+1)/2)."""
-    f = cloud.features
-    rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
-    return (f.transpose(-1, -2) @ f)[..., rows, columns]

@@ -1,0 +1,48 @@
+"""Start poses from single pairs of points whose features look alike up to a rotation."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from model.cloud_function import CloudFunction
+from model.se3 import closest_rotation, pose_matrix
+
+
+def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> Tensor:
+    """Poses that carry one source point with its vectors onto one target point with its own.
+
+    Points are matched by FᵀF, which no rotation changes; a match (i, j) then gives a whole pose,
+    R = argmax Σ_c f_ic · R g_jc and t = x_i − R z_j (design, section 3). The matches only seed the
+    search; the objective stays free of correspondences.
+
+    Args:
+        target: (1, N, …).
+        source: (1, M, …).
+        count: at most this many poses, the best matches first.
+
+    Returns:
+        (K, 4, 4); none where there are no features.
+    """
+    if target.features.shape[-1] == 0:
+        return target.points.new_zeros(0, 4, 4)
+    likeness = invariants(target)[0] @ invariants(source)[0].T
+    # Only matches that are the best of their row or of their column.
+    best = (likeness == likeness.amax(1, keepdim=True)) | (
+        likeness == likeness.amax(0, keepdim=True)
+    )
+    matches = torch.nonzero(best)
+    order = likeness[best].argsort(descending=True, stable=True)[:count]
+    i, j = matches[order].unbind(-1)
+    turning = target.features[0, i] @ source.features[0, j].transpose(-1, -2)
+    R = closest_rotation(turning)
+    t = target.points[0, i] - (R @ source.points[0, j, :, None])[..., 0]
+    return pose_matrix(R, t)
+
+
+def invariants(cloud: CloudFunction) -> Tensor:
+    """Upper triangle of FᵀF, normalised, (B, N, C(C+1)/2): the features without their direction."""
+    f = cloud.features
+    rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
+    gram = (f.transpose(-1, -2) @ f)[..., rows, columns]
+    return torch.nn.functional.normalize(gram, dim=-1)
