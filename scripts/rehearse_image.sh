@@ -20,7 +20,7 @@ mkdir "$place/empty"
 chmod 755 "$place"
 cd "$place/empty"
 
-if "$place/venv/bin/pip" list 2>/dev/null | grep -iE '^(lightning|pytorch-lightning|tensorboard|pytest|mypy) '; then
+if "$place/venv/bin/pip" list 2>/dev/null | grep -iE '^(lightning|pytorch-lightning|torchmetrics|tensorboard|mypy|ruff) '; then
     echo "the image would hold more than serving needs" >&2
     exit 1
 fi
