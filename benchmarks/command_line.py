@@ -10,6 +10,9 @@ from importlib import import_module
 # name: (module, function, summary). Imported only when asked for: each brings its own libraries.
 _BENCHMARKS = {
     "objects": ("benchmarks.objects", "objects_command", "shapes, turned and spoilt by a protocol"),
+    "rgbd": ("benchmarks.rgbd", "rgbd_command", "real depth frames of a sequence"),
+    "speed": ("benchmarks.speed", "speed_command", "time, stages, growth and memory"),
+    "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 
 

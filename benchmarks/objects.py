@@ -9,28 +9,21 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
-from rich.console import Console
 
-from benchmarks.competitor import Competitor, Contestant, ExternalPoses
 from benchmarks.contest import contest_progress, hold_contest
-from benchmarks.methods import METHOD_NAMES, build_methods
+from benchmarks.contest_options import (
+    add_contest_options,
+    competitors_of,
+    finish_contest,
+    names,
+)
 from benchmarks.pair import PairEntry
-from benchmarks.plots import write_plots
 from benchmarks.protocol import PAPER_ANGLES, Protocol, ProtocolName, Sampler, build_protocol
 from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
-from benchmarks.shape_pairs import (
-    SYMMETRIC_ABOVE,
-    ShapePairMaker,
-    choose_shapes,
-    list_pairs,
-)
+from benchmarks.shape_pairs import SYMMETRIC_ABOVE, ShapePairMaker, choose_shapes, list_pairs
 from benchmarks.shapes import PROCEDURAL, ShapeCollection, Split, open_shapes
-from benchmarks.table import print_results
-from model.exceptions import InvalidOptionError
 from training.data.perturbation import CropRule
-
-DEFAULT_METHODS = "ours,icp,gicp,ransac,fgr"
 
 
 def objects_command(arguments: list[str], command: str) -> int:
@@ -44,12 +37,7 @@ def objects_command(arguments: list[str], command: str) -> int:
     collection = open_shapes(given.data, given.split, given.seed)
     protocol = _protocol(given, collection)
     results = open_results(given.out, "objects", _settings(given, protocol))
-    field = build_methods(given.methods, given.artifact)
-    competitors: list[Competitor] = [Contestant(method) for method in field.methods]
-    competitors += [ExternalPoses.read(path) for path in given.external]
-    _require_some(competitors)
-    results.absent = field.absent
-    console = Console()
+    competitors, results.absent = competitors_of(given)
     with contest_progress() as progress:
         choices = choose_shapes(collection, given.limit, given.symmetric, given.symmetric_above)
         entries = list_pairs(protocol, choices, given.seed)
@@ -66,11 +54,7 @@ def objects_command(arguments: list[str], command: str) -> int:
             given.out,
             progress,
         )
-    print_results(results, console)
-    if given.out is not None:
-        page = given.out.with_suffix(".html")
-        write_plots(results, page)
-        console.print(f"{given.out}, {page}")
+    finish_contest(results, given.out)
     return 0
 
 
@@ -84,7 +68,7 @@ def _parser() -> ArgumentParser:
     )
     parser.add_argument("--split", choices=get_args(Split), default="test")
     parser.add_argument("--protocol", choices=get_args(ProtocolName), default="paper")
-    parser.add_argument("--columns", type=_names, metavar="NAMES", help="default: all of them")
+    parser.add_argument("--columns", type=names, metavar="NAMES", help="default: all of them")
     parser.add_argument(
         "--angles", type=_angles, default=PAPER_ANGLES, metavar="DEG", help="for paper: 45,90"
     )
@@ -104,33 +88,10 @@ def _parser() -> ArgumentParser:
         help=f"self-similarity after a turn of 30° or more, default {SYMMETRIC_ABOVE}",
     )
     parser.add_argument(
-        "--methods",
-        type=_names,
-        default=_names(DEFAULT_METHODS),
-        metavar="NAMES",
-        help=f"of {', '.join(METHOD_NAMES)}; default {DEFAULT_METHODS}",
-    )
-    parser.add_argument("--artifact", metavar="DIR", help="ours; default: the shipped one")
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument(
-        "--external",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="FILE",
-        help="poses another program found; may be given more than once",
-    )
-    parser.add_argument(
         "--export-pairs", type=Path, metavar="DIR", help="write every pair's clouds as NPZ here"
     )
-    parser.add_argument(
-        "--out", type=Path, metavar="FILE", help="results as JSON, plots beside it; resumes"
-    )
+    add_contest_options(parser)
     return parser
-
-
-def _names(text: str) -> list[str]:
-    return [name.strip() for name in text.split(",") if name.strip()]
 
 
 def _angles(text: str) -> list[float]:
@@ -159,15 +120,6 @@ def _settings(given: Namespace, protocol: Protocol) -> dict[str, Any]:
         "seed": given.seed,
         "symmetric_above": given.symmetric_above,
     }
-
-
-def _require_some(competitors: Sequence[Competitor]) -> None:
-    if not competitors:
-        raise InvalidOptionError(
-            "nobody takes part",
-            field="methods",
-            mend="name a method whose packages are installed, or give --external",
-        )
 
 
 def export_pairs(entries: Sequence[PairEntry], maker: ShapePairMaker, folder: Path) -> None:

@@ -113,7 +113,7 @@ def build_protocol(
     else:
         _require_points(shape_points)
         columns = _shared_point_columns(crop_rule)
-    turns = [_turn(angle, sampler) for angle in angles] if name == "paper" else [_any_turn()]
+    turns = [_turn(angle, sampler) for angle in angles] if name == "paper" else [any_turn()]
     return Protocol(name, columns, turns)
 
 
@@ -142,7 +142,8 @@ def _turn(angle: float, sampler: Sampler) -> Turn:
     return Turn(f"{angle:g}", title, Motion(rule, angle))
 
 
-def _any_turn() -> Turn:
+def any_turn() -> Turn:
+    """Uniform over SO(3), with a translation up to 0.5."""
     return Turn("so3", "all of SO(3)", Motion("haar", 180.0, _FAR))
 
 

@@ -2,76 +2,46 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from itertools import pairwise
+from typing import Any
+
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.results import Results
-from benchmarks.summary import Cell, Summary, cells, rows_by_method
+from benchmarks.sheet import Sheet
 
 
-def print_results(results: Results, console: Console) -> None:
-    """Every method in every cell, then the methods' settings."""
-    found = cells(results)
-    for group in dict.fromkeys(cell.group for cell in found):
-        console.print(_group_table(results, group, [cell for cell in found if cell.group == group]))
-    for method, settings in results.methods.items():
-        console.print(f"[bold]{method}[/]: {_in_words(settings)}", soft_wrap=True, highlight=False)
-    for line in results.absent:
+def print_sheets(sheets: Sequence[Sheet], console: Console) -> None:
+    """One below the other."""
+    for sheet in sheets:
+        console.print(_table(sheet))
+
+
+def print_methods(
+    methods: Mapping[str, Mapping[str, Any]], absent: Sequence[str], console: Console
+) -> None:
+    """The methods' settings, and who couldn't take part."""
+    for method, settings in methods.items():
+        console.print(f"[bold]{method}[/]: {in_words(settings)}", soft_wrap=True, highlight=False)
+    for line in absent:
         console.print(f"[yellow]{line}[/]")
 
 
-def _group_table(results: Results, group: str, found: list[Cell]) -> Table:
-    table = Table(title=f"{results.benchmark}, {group}", title_justify="left")
-    for name in ("turn", "column", "method"):
-        table.add_column(name, no_wrap=True)
-    for name in (
-        "pairs",
-        "rot. mean°",
-        "median°",
-        "std°",
-        "<5°",
-        "<1°",
-        "‖log‖",
-        "trans.",
-        "centroid",
-        "ADD-S ok",
-        "s/pair",
-    ):
-        table.add_column(name, justify="right", no_wrap=True)
-    for cell in found:
-        for method, rows in rows_by_method(results, cell).items():
-            table.add_row(cell.turn, cell.column, method, *_figures(Summary.of(rows)))
-        table.add_section()
-    return table
-
-
-def _figures(summary: Summary) -> list[str]:
-    return [
-        str(summary.pairs),
-        f"{summary.rotation_mean:.2f}",
-        f"{summary.rotation_median:.2f}",
-        f"{summary.rotation_std:.2f}",
-        percent(summary.below_5),
-        percent(summary.below_1),
-        f"{summary.se3_log_mean:.3f}",
-        f"{summary.translation_mean:.4f}",
-        f"{summary.centroid_mean:.4f}",
-        percent(summary.adds_success),
-        seconds(summary.seconds_median),
-    ]
-
-
-def percent(share: float | None) -> str:
-    """A share as whole per cent, one decimal close to all of it."""
-    if share is None:
-        return "–"
-    return f"{100.0 * share:.1f} %" if 0.95 < share < 1.0 else f"{100.0 * share:.0f} %"
-
-
-def seconds(value: float | None) -> str:
-    """Three decimals, or a dash where nobody measured."""
-    return "–" if value is None else f"{value:.3f}"
-
-
-def _in_words(settings: dict[str, object]) -> str:
+def in_words(settings: Mapping[str, Any]) -> str:
+    """Settings on one line."""
     return ", ".join(f"{name} {value}" for name, value in settings.items()) or "no settings"
+
+
+def _table(sheet: Sheet) -> Table:
+    table = Table(title=sheet.title, title_justify="left", caption=sheet.note or None)
+    for number, title in enumerate(sheet.head):
+        if number < sheet.labels:
+            table.add_column(title, no_wrap=True)
+        else:
+            table.add_column(title, justify="right")
+    sections = [row[0] if sheet.labels > 1 else "" for row in sheet.rows]
+    ends = [before != after for before, after in pairwise([*sections, ""])]
+    for row, end in zip(sheet.rows, ends, strict=True):
+        table.add_row(*row, end_section=end)
+    return table

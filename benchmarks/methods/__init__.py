@@ -7,18 +7,15 @@ from dataclasses import dataclass, field
 from importlib import import_module
 
 from benchmarks.methods.method import Answer, Method
-from benchmarks.methods.start import Start
 from model.artifact import load_artifact
 from model.exceptions import InvalidOptionError
 
 # Where each class is; imported only when it is asked for, because they bring large libraries.
-_LOCAL = {
+_OTHERS = {
     "icp": ("benchmarks.methods.icp", "OpenIcp"),
     "gicp": ("benchmarks.methods.icp", "OpenGicp"),
     "small_gicp": ("benchmarks.methods.small_gicp", "SmallGicp"),
     "geometric_cvo": ("benchmarks.methods.geometric_cvo", "GeometricCvo"),
-}
-_GLOBAL = {
     "identity": ("benchmarks.methods.identity", "Identity"),
     "ransac": ("benchmarks.methods.fpfh", "FpfhRansac"),
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
@@ -28,7 +25,7 @@ _OURS = ("ours", "ours_gradient", "ours_no_features", "ours_random_encoder")
 # Packages that only one method needs, and that nobody has to install.
 _OPTIONAL = {"small_gicp", "kiss_matcher"}
 
-METHOD_NAMES = (*_OURS, *_LOCAL, *_GLOBAL)
+METHOD_NAMES = (*_OURS, *_OTHERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,15 +41,12 @@ class Field:
     absent: list[str] = field(default_factory=list)
 
 
-def build_methods(
-    names: Sequence[str], artifact: str | None = None, start: Start = "centroids"
-) -> Field:
+def build_methods(names: Sequence[str], artifact: str | None = None) -> Field:
     """Build methods by name.
 
     Args:
         names: of ``METHOD_NAMES``.
         artifact: directory or name of our artifact; None for the shipped one.
-        start: where local methods start.
 
     Raises:
         InvalidOptionError: no such method.
@@ -69,7 +63,7 @@ def build_methods(
     found = Field()
     for name in names:
         try:
-            found.methods.append(_build(name, artifact, start))
+            found.methods.append(_build(name, artifact))
         except ModuleNotFoundError as error:
             if error.name not in _OPTIONAL:
                 raise
@@ -77,14 +71,13 @@ def build_methods(
     return found
 
 
-def _build(name: str, artifact: str | None, start: Start) -> Method:
+def _build(name: str, artifact: str | None) -> Method:
     if name in _OURS:
         from benchmarks.methods.equivalign import VARIANTS
 
         return VARIANTS[name](load_artifact(artifact))
-    module, kind = (_LOCAL | _GLOBAL)[name]
-    build = getattr(import_module(module), kind)
-    method: Method = build(start=start) if name in _LOCAL else build()
+    module, kind = _OTHERS[name]
+    method: Method = getattr(import_module(module), kind)()
     return method
 
 

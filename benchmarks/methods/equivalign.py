@@ -77,8 +77,12 @@ def _with_gradient_loop(artifact: Artifact) -> EquivAlign:
 
 
 def _without_features(artifact: Artifact) -> EquivAlign:
-    bare = replace(artifact, kernel="none")
-    return EquivAlign("ours_no_features", Registrar(bare), note="RBF kernel only, no features")
+    settings = artifact.settings
+    unmatched = replace(settings, hypotheses=replace(settings.hypotheses, matches=0))
+    bare = replace(artifact, kernel="none", settings=unmatched)
+    return EquivAlign(
+        "ours_no_features", Registrar(bare), note="RBF kernel, no hypotheses from features"
+    )
 
 
 def _with_random_encoder(artifact: Artifact) -> EquivAlign:

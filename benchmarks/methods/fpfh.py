@@ -51,6 +51,8 @@ class Features:
 class FpfhRansac:
     """RANSAC over mutually nearest features, three a sample, then ICP.
 
+    Open3D draws in several threads, so that even a seed leaves the last of it to chance.
+
     Attributes:
         features: how they are computed.
         reach: distance that counts as an inlier, in spacings.
@@ -114,7 +116,7 @@ class FpfhFgr:
     features: Features = Features()
     reach: float = 2.5
     iterations: int = 64
-    tuples: int = 10_000
+    tuples: int = 1000
     name: ClassVar[str] = "fgr"
 
     @property

@@ -9,7 +9,7 @@ import numpy as np
 import torch
 
 from benchmarks.methods.method import Answer
-from benchmarks.methods.start import Start, start_pose
+from benchmarks.methods.start import centroids_together
 from benchmarks.pair import FloatArray
 from model.cloud_function import CloudFunction
 from model.inner_loop import GradientLoop
@@ -22,23 +22,21 @@ class GeometricCvo:
     """The paper's step rule with one fixed rate, and no features.
 
     Attributes:
-        start: where it starts from.
         loop: the gradient descent, in the unit sphere that holds both clouds.
     """
 
-    start: Start = "centroids"
     loop: GradientLoop = field(default_factory=GradientLoop)
     name: ClassVar[str] = "geometric_cvo"
 
     @property
     def settings(self) -> dict[str, Any]:
         """See Method.settings."""
-        return {"kernel": "RBF", **asdict(self)}
+        return {"kernel": "RBF", "start": "centroids together", **asdict(self)}
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register; it draws nothing at random."""
         frame = JointFrame.of(target, source)
-        T_start = frame.pose_in(start_pose(self.start, source, target))
+        T_start = frame.pose_in(centroids_together(source, target))
         with torch.no_grad():
             solution = self.loop.solve(
                 RkhsKernel("none"),

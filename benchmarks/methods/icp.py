@@ -10,7 +10,7 @@ import open3d as o3d
 
 from benchmarks.methods.method import Answer
 from benchmarks.methods.open3d_cloud import NORMAL_RADIUS, neighbourhood, open3d_cloud, spacing
-from benchmarks.methods.start import Start, start_pose
+from benchmarks.methods.start import centroids_together
 from benchmarks.pair import FloatArray
 
 _registration: Any = o3d.pipelines.registration
@@ -21,13 +21,11 @@ class OpenIcp:
     """Point-to-point steps that reach far, then point-to-plane steps that fit closely.
 
     Attributes:
-        start: where it starts from.
         point_reach: correspondence distances of the point-to-point stages, in spacings.
         plane_reach: those of the point-to-plane stages.
         iterations: at most this many a stage.
     """
 
-    start: Start = "centroids"
     point_reach: tuple[float, ...] = (40.0, 20.0, 10.0)
     plane_reach: tuple[float, ...] = (3.0, 1.5)
     iterations: int = 50
@@ -36,22 +34,20 @@ class OpenIcp:
     @property
     def settings(self) -> dict[str, Any]:
         """See Method.settings."""
-        return {"open3d": o3d.__version__, **asdict(self)}
+        return {"open3d": o3d.__version__, "start": "centroids together", **asdict(self)}
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register; it draws nothing at random."""
         moving, fixed = open3d_cloud(source), open3d_cloud(target)
         step = spacing(moving, fixed)
         fixed.estimate_normals(neighbourhood(NORMAL_RADIUS * step))
-        T = start_pose(self.start, source, target)
+        T = centroids_together(source, target)
         point = _registration.TransformationEstimationPointToPoint(with_scaling=False)
         plane = _registration.TransformationEstimationPointToPlane()
         for estimation, reaches in ((point, self.point_reach), (plane, self.plane_reach)):
             for reach in reaches:
-                T = _registration.registration_icp(
-                    moving, fixed, reach * step, T, estimation, convergence(self.iterations)
-                ).transformation
-        return Answer(np.array(T))
+                T = closer(moving, fixed, T, reach * step, estimation, self.iterations)
+        return Answer(T)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,12 +55,10 @@ class OpenGicp:
     """Plane-to-plane.
 
     Attributes:
-        start: where it starts from.
         reach: correspondence distances of the stages, in spacings.
         iterations: at most this many a stage.
     """
 
-    start: Start = "centroids"
     reach: tuple[float, ...] = (20.0, 10.0, 3.0, 1.5)
     iterations: int = 50
     name: ClassVar[str] = "gicp"
@@ -72,7 +66,7 @@ class OpenGicp:
     @property
     def settings(self) -> dict[str, Any]:
         """See Method.settings."""
-        return {"open3d": o3d.__version__, **asdict(self)}
+        return {"open3d": o3d.__version__, "start": "centroids together", **asdict(self)}
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register; it draws nothing at random."""
@@ -80,25 +74,43 @@ class OpenGicp:
         step = spacing(moving, fixed)
         for cloud in (moving, fixed):
             cloud.estimate_normals(neighbourhood(NORMAL_RADIUS * step))
-        T = start_pose(self.start, source, target)
+        T = centroids_together(source, target)
         estimation = _registration.TransformationEstimationForGeneralizedICP()
         for reach in self.reach:
-            T = _registration.registration_generalized_icp(
-                moving, fixed, reach * step, T, estimation, convergence(self.iterations)
-            ).transformation
-        return Answer(np.array(T))
+            T = closer(moving, fixed, T, reach * step, estimation, self.iterations)
+        return Answer(T)
 
 
-def convergence(iterations: int) -> Any:
-    """Stop at Open3D's usual relative changes of 1e-6, or after this many iterations."""
-    return _registration.ICPConvergenceCriteria(max_iteration=iterations)
+def closer(
+    moving: Any, fixed: Any, T: FloatArray, reach: float, estimation: Any, iterations: int
+) -> FloatArray:
+    """One stage of ICP from T (4, 4), taken back if it loses correspondences.
+
+    With few correspondences a point-to-plane step can be singular and throw the source far away.
+
+    Args:
+        moving: the source.
+        fixed: the target; it has normals, and for plane-to-plane steps so has the source.
+        T: where the stage starts.
+        reach: correspondence distance.
+        estimation: Open3D's rule of a step.
+        iterations: at most.
+    """
+    generalized = isinstance(estimation, _registration.TransformationEstimationForGeneralizedICP)
+    run = (
+        _registration.registration_generalized_icp
+        if generalized
+        else _registration.registration_icp
+    )
+    criteria = _registration.ICPConvergenceCriteria(max_iteration=iterations)
+    before = _registration.evaluate_registration(moving, fixed, reach, T)
+    after = run(moving, fixed, reach, T, estimation, criteria)
+    return T if after.fitness < before.fitness else np.array(after.transformation)
 
 
 def polished(moving: Any, fixed: Any, T: FloatArray, step: float) -> FloatArray:
     """A global method's pose (4, 4) after point-to-plane ICP; the clouds have their normals."""
     plane = _registration.TransformationEstimationPointToPlane()
     for reach in OpenIcp().plane_reach:
-        T = _registration.registration_icp(
-            moving, fixed, reach * step, T, plane, convergence(OpenIcp().iterations)
-        ).transformation
-    return np.array(T)
+        T = closer(moving, fixed, T, reach * step, plane, OpenIcp().iterations)
+    return T

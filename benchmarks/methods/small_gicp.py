@@ -11,7 +11,7 @@ import small_gicp
 
 from benchmarks.methods.method import Answer
 from benchmarks.methods.open3d_cloud import open3d_cloud, spacing
-from benchmarks.methods.start import Start, start_pose
+from benchmarks.methods.start import centroids_together
 from benchmarks.pair import FloatArray
 
 
@@ -20,13 +20,11 @@ class SmallGicp:
     """Coarse to fine.
 
     Attributes:
-        start: where it starts from.
         reach: correspondence distances of the stages, in spacings.
         neighbours: of a point's covariance.
         iterations: at most this many a stage.
     """
 
-    start: Start = "centroids"
     reach: tuple[float, ...] = (20.0, 10.0, 3.0, 1.5)
     neighbours: int = 10
     iterations: int = 50
@@ -35,7 +33,7 @@ class SmallGicp:
     @property
     def settings(self) -> dict[str, Any]:
         """See Method.settings."""
-        return {"small_gicp": version("small_gicp"), **asdict(self)}
+        return {"small_gicp": version("small_gicp"), "start": "centroids together", **asdict(self)}
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register; it draws nothing at random."""
@@ -47,7 +45,7 @@ class SmallGicp:
         moving, _ = small_gicp.preprocess_points(
             source, downsampling_resolution=1e-3 * step, num_neighbors=self.neighbours
         )
-        T = start_pose(self.start, source, target)
+        T = centroids_together(source, target)
         for reach in self.reach:
             T = small_gicp.align(
                 fixed,

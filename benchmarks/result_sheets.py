@@ -1,0 +1,98 @@
+"""The tables of a results file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from benchmarks.figures import decimals, figures_of
+from benchmarks.printed import FRAMES, MARK, SOURCE, printed_methods, printed_rotation
+from benchmarks.results import Results
+from benchmarks.sheet import Sheet
+from benchmarks.summary import Cell, Summary, cells, rows_by_method
+
+
+def result_sheets(results: Results) -> list[Sheet]:
+    """An overview of every group, then all figures of every cell."""
+    found = cells(results)
+    groups = list(dict.fromkeys(cell.group for cell in found))
+    overviews = [_overview(results, [cell for cell in found if cell.group == g]) for g in groups]
+    details = [
+        _details(results, [cell for cell in found if (cell.group, cell.turn) == (group, turn)])
+        for group in groups
+        for turn in dict.fromkeys(cell.turn for cell in found if cell.group == group)
+    ]
+    printed = [_printed_frames()] if results.benchmark == "rgbd" else []
+    return [*overviews, *details, *printed]
+
+
+def _overview(results: Results, found: Sequence[Cell]) -> Sheet:
+    """Mean rotation error: methods down, cells across, the paper's own figures below."""
+    rows = []
+    for method in results.methods:
+        summaries = [_summary(results, cell, method) for cell in found]
+        if any(summaries):
+            rows.append([method, *(decimals(s.rotation_mean, 2) if s else "–" for s in summaries)])
+    note = ""
+    if results.settings.get("protocol") == "paper":
+        printed = _printed_rows(found)
+        rows += printed
+        note = f"{MARK}: {SOURCE}, on ModelNet40." if printed else ""
+    return Sheet(
+        f"{found[0].group}: mean rotation error in degrees",
+        ["method", *(f"{_turn_title(cell.turn)} {cell.column}" for cell in found)],
+        rows,
+        note=note,
+    )
+
+
+def _printed_rows(found: Sequence[Cell]) -> list[list[str]]:
+    rows = []
+    for method in printed_methods():
+        figures = [printed_rotation(method, cell.turn, cell.column) for cell in found]
+        if any(figure is not None for figure in figures):
+            rows.append([f"{method} {MARK}", *(decimals(figure, 2) for figure in figures)])
+    return rows
+
+
+def _printed_frames() -> Sheet:
+    return Sheet(
+        "ETH3D, as printed",
+        ["method", "rot. mean °", "std °", "trans. mean m", "std m"],
+        [
+            [
+                f"{row.method} {MARK}",
+                decimals(row.rotation_mean, 2),
+                decimals(row.rotation_std, 2),
+                decimals(row.translation_mean, 2),
+                decimals(row.translation_std, 2),
+            ]
+            for row in FRAMES
+        ],
+        note=f"{SOURCE}; other frames than those above, 10° extra rotation.",
+    )
+
+
+def _details(results: Results, found: Sequence[Cell]) -> Sheet:
+    figures = figures_of(results.benchmark)
+    rows = [
+        [cell.column, method, *(figure.text(Summary.of(answers)) for figure in figures)]
+        for cell in found
+        for method, answers in rows_by_method(results, cell).items()
+    ]
+    return Sheet(
+        f"{found[0].group}, {_turn_title(found[0].turn)}",
+        ["column", "method", *(figure.title for figure in figures)],
+        rows,
+        labels=2,
+    )
+
+
+def _summary(results: Results, cell: Cell, method: str) -> Summary | None:
+    answers = rows_by_method(results, cell).get(method)
+    return Summary.of(answers) if answers else None
+
+
+def _turn_title(turn: str) -> str:
+    if turn == "so3":
+        return "any rotation"
+    return turn if turn.startswith("gap") else f"{turn}°"
