@@ -25,6 +25,7 @@ FloatArray = npt.NDArray[np.float64]
 OUT = Path(__file__).resolve().parent.parent / "docs" / "picture.svg"
 SEED = 20_241_007
 POINTS = 900
+WRONG_ANGLE_DEG = 1.0
 ARROWS = 16
 CAMERA = Rotation.from_euler("zx", [-70.0, -68.0], degrees=True)
 # The source stands to the right of the target, turned far.
@@ -59,13 +60,16 @@ class Cloud:
 
 
 def main() -> int:
-    """Register, draw and say what came out."""
+    """Register, draw and say what came out; draw nothing if the pose is wrong."""
     pair = separated_pair()
     registrar = Registrar.load()
     source, target = pair.source.double().numpy(), pair.target.double().numpy()
     result = registrar.register(source, target)
     error = result.T_target_source @ np.linalg.inv(pair.T_target_source.double().numpy())
     angle = math.degrees(Rotation.from_matrix(error[:3, :3]).magnitude())
+    if angle > WRONG_ANGLE_DEG:
+        print(f"The pose is {angle:.1f}° from the truth: nothing drawn.", file=sys.stderr)
+        return 1
     clouds = with_vectors(registrar, source, target, result.T_target_source)
     svg = drawing(*clouds, result.T_target_source, angle)
     OUT.parent.mkdir(exist_ok=True)
