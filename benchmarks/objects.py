@@ -23,6 +23,7 @@ from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
 from benchmarks.shape_pairs import SYMMETRIC_ABOVE, ShapePairMaker, choose_shapes, list_pairs
 from benchmarks.shapes import PROCEDURAL, ShapeCollection, Split, open_shapes
+from model.exceptions import InvalidOptionError
 from training.data.perturbation import CropRule
 
 
@@ -34,12 +35,14 @@ def objects_command(arguments: list[str], command: str) -> int:
         command: the whole command, for the results file.
     """
     given = _parser().parse_args(arguments)
+    _require_an_end(given)
     collection = open_shapes(given.data, given.split, given.seed)
     protocol = _protocol(given, collection)
     results = open_results(given.out, "objects", _settings(given, protocol))
     competitors, results.absent = competitors_of(given)
+    limit = None if given.limit == 0 else given.limit
     with contest_progress() as progress:
-        choices = choose_shapes(collection, given.limit, given.symmetric, given.symmetric_above)
+        choices = choose_shapes(collection, limit, given.symmetric, given.symmetric_above)
         entries = list_pairs(protocol, choices, given.seed)
         results.shapes = [asdict(choice) for choice in choices]
         maker = ShapePairMaker(collection, protocol)
@@ -75,7 +78,11 @@ def _parser() -> ArgumentParser:
     parser.add_argument("--sampler", choices=get_args(Sampler), default="axis-angle")
     parser.add_argument("--crop", choices=get_args(CropRule), default="half_space")
     parser.add_argument(
-        "--limit", type=int, metavar="N", help="asymmetric shapes at most; default: all"
+        "--limit",
+        type=int,
+        default=100,
+        metavar="N",
+        help="asymmetric shapes at most; default 100, 0 for all",
     )
     parser.add_argument(
         "--symmetric", type=int, default=0, metavar="N", help="symmetric shapes at most; default 0"
@@ -96,6 +103,16 @@ def _parser() -> ArgumentParser:
 
 def _angles(text: str) -> list[float]:
     return [float(angle) for angle in text.split(",")]
+
+
+def _require_an_end(given: Namespace) -> None:
+    if given.data == PROCEDURAL and (given.limit == 0 or given.symmetric > 0):
+        raise InvalidOptionError(
+            "procedural shapes are endless, and none of them is symmetric",
+            field="limit, symmetric",
+            value=f"{given.limit}, {given.symmetric}",
+            mend="give a limit, and no symmetric shapes",
+        )
 
 
 def _protocol(given: Namespace, collection: ShapeCollection) -> Protocol:

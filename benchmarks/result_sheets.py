@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from benchmarks.figures import decimals, figures_of
 from benchmarks.printed import FRAMES, MARK, SOURCE, printed_methods, printed_rotation
 from benchmarks.results import Results
+from benchmarks.shape_pairs import LEFT_OUT
 from benchmarks.sheet import Sheet
 from benchmarks.summary import Cell, Summary, cells, rows_by_method
 
@@ -32,17 +33,22 @@ def _overview(results: Results, found: Sequence[Cell]) -> Sheet:
         summaries = [_summary(results, cell, method) for cell in found]
         if any(summaries):
             rows.append([method, *(decimals(s.rotation_mean, 2) if s else "–" for s in summaries)])
-    note = ""
+    notes = [_left_out(results)]
     if results.settings.get("protocol") == "paper":
         printed = _printed_rows(found)
         rows += printed
-        note = f"{MARK}: {SOURCE}, on ModelNet40." if printed else ""
+        notes += [f"{MARK}: {SOURCE}, on ModelNet40."] if printed else []
     return Sheet(
         f"{found[0].group}: mean rotation error in degrees",
         ["method", *(f"{_turn_title(cell.turn)} {cell.column}" for cell in found)],
         rows,
-        note=note,
+        note=" ".join(filter(None, notes)),
     )
+
+
+def _left_out(results: Results) -> str:
+    count = sum(shape["group"] == LEFT_OUT for shape in results.shapes)
+    return f"{count} symmetric shapes on the way were left out." if count else ""
 
 
 def _printed_rows(found: Sequence[Cell]) -> list[list[str]]:

@@ -14,6 +14,7 @@ from training.data.symmetry import self_similarity
 
 ASYMMETRIC = "asymmetric"
 SYMMETRIC = "symmetric"
+LEFT_OUT = "symmetric, left out"
 SYMMETRIC_ABOVE = 0.9
 
 
@@ -25,7 +26,7 @@ class ShapeChoice:
         number: in its collection.
         name: of the shape.
         self_similarity: see training.data.symmetry.
-        group: ``asymmetric`` or ``symmetric``.
+        group: ``asymmetric``, ``symmetric``, or ``symmetric, left out``.
     """
 
     number: int
@@ -42,8 +43,7 @@ def choose_shapes(
 ) -> list[ShapeChoice]:
     """Go through the shapes in their order until both groups are full.
 
-    Once the asymmetric group is full, the search for symmetric ones goes on only if they are
-    wanted; symmetric shapes beyond their limit are passed over.
+    Symmetric shapes beyond their limit that lie on the way are left out, and listed as such.
 
     Args:
         collection: where the shapes come from.
@@ -51,17 +51,20 @@ def choose_shapes(
         symmetric_limit: most symmetric shapes; None takes all.
         symmetric_above: a greater self-similarity makes a shape symmetric.
     """
-    limits = {ASYMMETRIC: limit, SYMMETRIC: symmetric_limit}
     chosen: list[ShapeChoice] = []
     for number in collection.order:
-        wanted = [group for group in limits if _has_room(chosen, group, limits[group])]
-        if not wanted:
+        more_asymmetric = _has_room(chosen, ASYMMETRIC, limit)
+        more_symmetric = _has_room(chosen, SYMMETRIC, symmetric_limit)
+        if not more_asymmetric and not more_symmetric:
             break
         shape = collection.shapes[number]
         score = self_similarity(shape.points)
-        group = SYMMETRIC if score > symmetric_above else ASYMMETRIC
-        if group in wanted:
-            chosen.append(ShapeChoice(number, shape.name, round(score, 4), group))
+        if score <= symmetric_above and not more_asymmetric:
+            continue
+        group = ASYMMETRIC
+        if score > symmetric_above:
+            group = SYMMETRIC if more_symmetric else LEFT_OUT
+        chosen.append(ShapeChoice(number, shape.name, round(score, 4), group))
     return chosen
 
 
@@ -70,7 +73,7 @@ def _has_room(chosen: Sequence[ShapeChoice], group: str, limit: int | None) -> b
 
 
 def list_pairs(protocol: Protocol, choices: Sequence[ShapeChoice], seed: int) -> list[PairEntry]:
-    """One pair a shape, column and turn.
+    """One pair a shape, column and turn; none of the shapes that are left out.
 
     Shapes come first, so that a run that is interrupted has measured all columns of some shapes.
     A shape's pairs share one seed: its columns then differ in what is done to the points only.
@@ -87,6 +90,7 @@ def list_pairs(protocol: Protocol, choices: Sequence[ShapeChoice], seed: int) ->
             seed=derived_seed(seed, Stream.TEST, choice.number) % 2**31,
         )
         for choice in choices
+        if choice.group != LEFT_OUT
         for turn in protocol.turns
         for column in protocol.columns
     ]

@@ -102,5 +102,7 @@ def test_wrong_options_are_refused() -> None:
         benchmark_command([*TINY, "--methods", "telepathy"])
     with pytest.raises(InvalidOptionError, match="nobody takes part"):
         benchmark_command([*TINY, "--methods", ""])
+    with pytest.raises(InvalidOptionError, match="endless"):
+        benchmark_command(["objects", "--limit", "0"])
     assert benchmark_command(["nonsense"]) == 2
     assert benchmark_command([]) == 0

@@ -7,7 +7,7 @@ from scipy.spatial import KDTree
 from benchmarks.pair import BenchmarkPair, FloatArray
 from benchmarks.pose_error import initial_angle_deg
 from benchmarks.protocol import ProtocolName, build_protocol, sizes
-from benchmarks.shape_pairs import ShapeChoice, ShapePairMaker, list_pairs
+from benchmarks.shape_pairs import LEFT_OUT, ShapeChoice, ShapePairMaker, choose_shapes, list_pairs
 from benchmarks.shapes import ShapeCollection, open_shapes
 from model.exceptions import InvalidOptionError
 
@@ -93,3 +93,14 @@ def test_wrong_names_are_refused() -> None:
         open_shapes("procedural", "all", 0)
     with pytest.raises(InvalidOptionError, match="too few points"):
         build_protocol("paper", shape_points=512)
+
+
+def test_symmetric_shapes_are_listed_apart_or_left_out(collection: ShapeCollection) -> None:
+    strict = choose_shapes(collection, limit=1, symmetric_limit=1, symmetric_above=0.8)
+    groups = {choice.group for choice in strict}
+    assert groups <= {"asymmetric", "symmetric", LEFT_OUT}
+    assert [choice.group for choice in strict].count("asymmetric") == 1
+    assert [choice.group for choice in strict].count("symmetric") == 1
+    listed = list_pairs(build_protocol("paper", [45.0]).restricted(["clean"]), strict, 0)
+    assert [entry.group for entry in listed].count("symmetric") == 1
+    assert LEFT_OUT not in {entry.group for entry in listed}
