@@ -153,7 +153,8 @@ def test_http(workplace: Path) -> None:
     assert set(printed["diagnostics"]) < set(posted["diagnostics"])
     for name in ("T_target_source", "quaternion_xyzw", "translation"):
         np.testing.assert_allclose(posted[name], printed[name], atol=1e-3)
-    assert posted["diagnostics"]["warnings"] == printed["diagnostics"]["warnings"]
+    for name, value in printed["diagnostics"].items():
+        assert posted["diagnostics"][name] == pytest.approx(value, abs=1e-2)
     assert uploaded["diagnostics"]["overlap_source"] > 0.5
 
 
