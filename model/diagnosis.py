@@ -7,19 +7,25 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from scipy.spatial import KDTree
 
 from model.inner_loop import Solution
 from model.inner_loop.objective import Objective
-from model.kernel import InnerProducts
+from model.kernel import InnerProducts, RkhsKernel
 from model.normalization import JointFrame
-from model.result import Iteration
+from model.refinement import Refined
+from model.result import Iteration, RunnerUp
+from model.se3 import rigid, rotation_angle
 
 FloatArray = npt.NDArray[np.float64]
 
 # Points of two samplings of one surface lie within this many spacings of each other.
 _INLIER_SPACINGS = 1.5
 _UNIT_RATIO = 10.0
+_ENOUGH_SHARED = 50
+# A runner-up this much like the answer makes the answer ambiguous.
+_AMBIGUOUS = 0.9
 _LOW_SIMILARITY = 0.5
 _LOW_OVERLAP = 0.3
 
@@ -33,12 +39,15 @@ class Overlap:
         target: share of the target's points.
         distance: that counts as a neighbour, in the input's unit.
         rmse: over the source's points that have one, in the input's unit; None if none has.
+        shared: (S, 3) the target's points that have one, in the normalised frame; all of them
+            where too few have.
     """
 
     source: float
     target: float
     distance: float
     rmse: float | None
+    shared: FloatArray
 
     @classmethod
     def of(
@@ -59,11 +68,13 @@ class Overlap:
         to_source = np.asarray(KDTree(moved).query(target)[0])
         inliers = to_target[to_target <= reach]
         rmse = float(np.sqrt(np.mean(inliers**2))) * scale if len(inliers) else None
+        near = to_source <= reach
         return cls(
             source=len(inliers) / len(moved),
-            target=float(np.mean(to_source <= reach)),
+            target=float(np.mean(near)),
             distance=reach * scale,
             rmse=rmse,
+            shared=target[near] if near.sum() >= _ENOUGH_SHARED else target,
         )
 
 
@@ -72,6 +83,54 @@ def inner_products(objective: Objective, solution: Solution) -> InnerProducts:
     cross = objective.moments(solution.T_target_source, solution.lengthscale)
     own_target, own_source = objective.own_moments(solution.lengthscale)
     return InnerProducts(own_target.mass, own_source.mass, cross.mass)
+
+
+def runner_ups(
+    refined: Refined,
+    products: InnerProducts,
+    kernel: RkhsKernel,
+    frame: JointFrame,
+    T_answer: FloatArray,
+) -> list[RunnerUp]:
+    """The finalists that lost, with their ρ, best first.
+
+    Args:
+        refined: the winner.
+        products: at the answer.
+        kernel: of the RKHS.
+        frame: of the pair.
+        T_answer: (4, 4) in the frame.
+    """
+    T = refined.runner_ups
+    if len(T) == 0:
+        return []
+    ell = refined.solution.lengthscale.expand(len(T))
+    cross = refined.objective.elsewhere(kernel, T, ell)
+    similarity = cross / (products.target * products.source).sqrt()
+    answer = torch.from_numpy(T_answer[:3, :3])
+    angle = rotation_angle(T[:, :3, :3].double(), answer).rad2deg()
+    found = [
+        RunnerUp(
+            T_target_source=frame.pose_out(rigid(T[i])).tolist(),
+            similarity=similarity[i].item(),
+            rotation_from_answer_deg=angle[i].item(),
+        )
+        for i in range(len(T))
+    ]
+    return sorted(found, key=lambda other: -other.similarity)
+
+
+def ambiguity(similarity: float, degenerate: list[str], others: list[RunnerUp]) -> list[str]:
+    """Say so where another pose, or a whole family of them, is as good."""
+    said = []
+    if degenerate:
+        said.append(f"the pose is undetermined: the surface {', '.join(degenerate)}")
+    if others and others[0].similarity >= _AMBIGUOUS * similarity:
+        said.append(
+            f"ambiguous: turned by {others[0].rotation_from_answer_deg:.0f}° the clouds agree "
+            f"nearly as well (ρ = {others[0].similarity:.2f} against {similarity:.2f})"
+        )
+    return said
 
 
 def iterations(solution: Solution, scale: float) -> list[Iteration]:
@@ -91,7 +150,6 @@ def iterations(solution: Solution, scale: float) -> list[Iteration]:
 def warn(
     target: FloatArray,
     source: FloatArray,
-    frame: JointFrame,
     similarity: float,
     overlap: Overlap,
     converged: bool,
@@ -101,7 +159,6 @@ def warn(
     Args:
         target: (N, 3) in the frame.
         source: (M, 3) in the frame.
-        frame: of the pair.
         similarity: ρ at the answer.
         overlap: at the answer.
         converged: whether the inner loop did.

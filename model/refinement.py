@@ -9,10 +9,12 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.curvature import newton_polish
 from model.inner_loop import GradientLoop, ProcrustesLoop, Solution
 from model.inner_loop.near_objective import REACH, NearObjective, NearPairs
 from model.kernel import RkhsKernel
 from model.search import KINDS, Candidates, selection_score, within
+from model.search.hypotheses import distinct
 from model.search.selection import SELECTION_REACH
 from model.settings import RegistrarSettings
 
@@ -20,7 +22,9 @@ from model.settings import RegistrarSettings
 _NEAR = 48
 _NEAR_IN_SELECTION = 24
 _SELECTION_POINTS = 512
-_FINALISTS = 3
+_FINALISTS = 4
+# Finalists that end this close to a better one are the same answer.
+_SAME_ANGLE_DEG, _SAME_DISTANCE = 5.0, 0.05
 # Refinement may turn a pose a little past the allowed rotation without being another answer.
 _ROTATION_SLACK_DEG = 1.0
 
@@ -33,11 +37,13 @@ class Refined:
         solution: of the last stage, a batch of one.
         objective: that it was solved on.
         kind: where its start pose came from.
+        runner_ups: (F, 4, 4) the finalists that lost, best first.
     """
 
     solution: Solution
     objective: NearObjective
     kind: str
+    runner_ups: Tensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +87,32 @@ class Refinement:
         score = self._score(candidates, self._subset(generator))
         finalists = candidates.select(score.topk(min(_FINALISTS, len(score))).indices)
         settled = self._settle(finalists)
-        winner = settled.hypotheses.select(self._score(settled, self.source).argmax()[None])
-        objective = self._objective(winner.T_target_source)
-        solution = self.loop.minimise(objective, winner.T_target_source)
-        return Refined(solution, objective, KINDS[int(winner.kind[0])])
+        score = self._score(settled, self.source)
+        order = distinct(
+            settled.hypotheses.T_target_source,
+            score,
+            len(score),
+            _SAME_ANGLE_DEG,
+            _SAME_DISTANCE * self.resolution,
+        )
+        ranked = settled.hypotheses.select(order)
+        T = ranked.T_target_source
+        objective = self._objective(T[:1])
+        solution = self._finish(objective, self.loop.minimise(objective, T[:1]))
+        return Refined(solution, objective, KINDS[int(ranked.kind[0])], T[1:])
+
+    def _finish(self, objective: NearObjective, solution: Solution) -> Solution:
+        """A Newton polish, unless the paper's own loop is asked for."""
+        if isinstance(self.loop, GradientLoop):
+            return solution
+        T, converged = newton_polish(
+            objective.pairs, solution.T_target_source, solution.lengthscale
+        )
+        return replace(
+            solution,
+            T_target_source=T.to(solution.T_target_source.dtype),
+            converged=torch.tensor([converged]),
+        )
 
     def _score(self, candidates: Candidates, source: CloudFunction) -> Tensor:
         T, reach = candidates.hypotheses.T_target_source, SELECTION_REACH * self.resolution
@@ -105,7 +133,7 @@ class Refinement:
         )
         reach = REACH * loop.lengthscale
         pairs = NearPairs.at(self.kernel, self.target, self.source, T, reach, _NEAR, self.tree)
-        objective = NearObjective(pairs, pairs, pairs)
+        objective = NearObjective(pairs, pairs, pairs, self.target, self.source)
         moved = finalists.hypotheses.moved_to(loop.minimise(objective, T).T_target_source)
         return Candidates(moved, finalists.support)
 

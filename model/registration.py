@@ -14,7 +14,8 @@ from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
 from model.cloud_function import CloudFunction
-from model.diagnosis import Overlap, inner_products, iterations, warn
+from model.degeneracy import degenerate_directions
+from model.diagnosis import Overlap, ambiguity, inner_products, iterations, runner_ups, warn
 from model.kernel import RkhsKernel
 from model.normalization import JointFrame
 from model.options import Options
@@ -22,8 +23,10 @@ from model.point_cloud import as_points
 from model.refinement import Refined, Refinement, last_stage
 from model.result import Diagnostics, RegistrationResult
 from model.sampling import median_spacing, reduce_points
+from model.se3 import rigid
 from model.search import coarse_to_fine, hypothesise
 from model.stopwatch import Stopwatch
+from model.uncertainty import Uncertainty
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -141,14 +144,21 @@ class Registrar:
         stopwatch: Stopwatch,
     ) -> RegistrationResult:
         solution, scale = refined.solution, pair.frame.scale
-        T = _rigid(solution.T_target_source[0])
+        T = rigid(solution.T_target_source[0])
         overlap = Overlap.of(pair.target, pair.source, T, pair.spacing, scale)
+        uncertainty = Uncertainty.of(
+            refined.objective.pairs,
+            len(pair.target),
+            solution.T_target_source,
+            solution.lengthscale,
+            scale,
+        )
         products = inner_products(refined.objective, solution)
         similarity = products.similarity.item()
         converged = bool(solution.converged[0])
-        warnings = pair.notes + warn(
-            pair.target, pair.source, pair.frame, similarity, overlap, converged
-        )
+        degenerate = degenerate_directions(overlap.shared)
+        others = runner_ups(refined, products, self._kernel, pair.frame, T)
+        warnings = warn(pair.target, pair.source, similarity, overlap, converged)
         stopwatch.lap("diagnose")
         diagnostics = Diagnostics(
             rkhs_distance=products.distance.item(),
@@ -160,13 +170,17 @@ class Registrar:
             overlap_target=overlap.target,
             inlier_distance=overlap.distance,
             inlier_rmse=overlap.rmse,
+            covariance=uncertainty.covariance.tolist(),
+            information=uncertainty.information.tolist(),
+            degenerate_directions=degenerate,
+            runner_ups=others,
             hypotheses=hypotheses,
             won_by=refined.kind,
             solver=options.solver,
             points_source=len(pair.source),
             points_target=len(pair.target),
             seconds=stopwatch.seconds(),
-            warnings=warnings,
+            warnings=pair.notes + warnings + ambiguity(similarity, degenerate, others),
             trace=iterations(solution, scale),
         )
         return RegistrationResult(pair.frame.pose_out(T), diagnostics)
@@ -211,11 +225,3 @@ class _Pair:
         spacing = max(median_spacing(torch.from_numpy(x)), median_spacing(torch.from_numpy(z)))
         generator = torch.Generator().manual_seed(options.seed)
         return cls(frame, x, z, T_initial, spacing, notes, generator)
-
-
-def _rigid(T: Tensor) -> FloatArray:
-    """(4, 4) float64 with an orthonormal rotation: float32 steps drift from SO(3)."""
-    rigid: FloatArray = T.double().numpy().copy()
-    U, _, Vh = np.linalg.svd(rigid[:3, :3])
-    rigid[:3, :3] = U @ Vh
-    return rigid

@@ -33,6 +33,21 @@ class Iteration:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class RunnerUp:
+    """Another pose that explains the clouds; a symmetric object has one that is nearly as good.
+
+    Attributes:
+        T_target_source: 4×4, in the input's unit.
+        similarity: ρ there, at ℓ̂.
+        rotation_from_answer_deg: angle between it and the answer.
+    """
+
+    T_target_source: list[list[float]]
+    similarity: float
+    rotation_from_answer_deg: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Diagnostics:
     """How the pose was found and how well it explains the clouds.
 
@@ -48,9 +63,15 @@ class Diagnostics:
         overlap_target: the same, of the target's points.
         inlier_distance: the distance that counts as overlap.
         inlier_rmse: root mean square distance of those source points to their nearest neighbour.
+        covariance: 6×6, of δ = (ρ, φ) in T = Exp(δ) T̂ taken about the target's centroid, along
+            the target's axes: ρ in the input's unit, then φ in radians. It holds for clouds
+            sampled independently of each other.
+        information: its inverse, 6×6.
+        degenerate_directions: motions that slide the surface within itself, in words.
+        runner_ups: the next best poses, best first.
         hypotheses: start poses tried.
-        won_by: kind of the start pose that led to the answer: ``initial``, ``identity``, ``matched``
-            (features) or ``grid``.
+        won_by: kind of the start pose that led to the answer: ``initial``, ``identity``,
+            ``matched`` (by features) or ``grid``.
         solver: name of the inner loop.
         points_source: source points the solver used.
         points_target: target points the solver used.
@@ -68,6 +89,10 @@ class Diagnostics:
     overlap_target: float
     inlier_distance: float
     inlier_rmse: float | None
+    covariance: list[list[float]]
+    information: list[list[float]]
+    degenerate_directions: list[str]
+    runner_ups: list[RunnerUp]
     hypotheses: int
     won_by: str
     solver: str

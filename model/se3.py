@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+import numpy.typing as npt
 import pypose as pp
 import torch
 from torch import Tensor
@@ -88,3 +90,11 @@ def rotation_from_quaternion(q: Tensor) -> Tensor:
     """Rotation (…, 3, 3) of a unit quaternion (…, 4) in xyzw order."""
     rotation: Tensor = pp.SO3(q).matrix()
     return rotation
+
+
+def rigid(T: Tensor) -> npt.NDArray[np.float64]:
+    """(4, 4) as float64 with an orthonormal rotation: float32 steps drift from SO(3)."""
+    orthonormal: npt.NDArray[np.float64] = T.double().numpy().copy()
+    U, _, Vh = np.linalg.svd(orthonormal[:3, :3])
+    orthonormal[:3, :3] = U @ Vh
+    return orthonormal

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import torch
 from scipy.spatial import KDTree
@@ -29,6 +29,7 @@ class NearPairs:
         z: (B, M, 3) source points.
         turning: (B, M, k, 3, 3) Σ_c f_c g_cᵀ, or None without features.
         weight: (B, M, k) c_ij, and 0 where a source point has fewer near ones.
+        index: (B, M, k) which target point each is.
         kernel: name of the feature kernel.
     """
 
@@ -36,7 +37,15 @@ class NearPairs:
     z: Tensor
     turning: Tensor | None
     weight: Tensor
+    index: Tensor
     kernel: str
+
+    def double(self) -> NearPairs:
+        """The same pairs in float64, for derivatives that cancel."""
+        turning = None if self.turning is None else self.turning.double()
+        return replace(
+            self, x=self.x.double(), z=self.z.double(), turning=turning, weight=self.weight.double()
+        )
 
     @classmethod
     def at(
@@ -74,7 +83,7 @@ class NearPairs:
             weight = weight * (target.labels[0][index] * source.labels[0][:, None]).sum(-1)
         batch_z = z.expand(len(T), -1, -1)
         turning = _turning(kernel, target, source, index)
-        return cls(x[index], batch_z, turning, weight, kernel.name)
+        return cls(x[index], batch_z, turning, weight, index, kernel.name)
 
     def moments(self, T_target_source: Tensor, lengthscale: Tensor) -> PoseMoments:
         """Of the near pairs' share of ⟨X, hZ⟩ at poses (B, 4, 4) and ℓ (B,)."""
@@ -105,7 +114,7 @@ class NearPairs:
         rbf = torch.exp(distance2 / (-2.0 * lengthscale.square())[:, None, None]) * self.weight
         if self.turning is None:
             return rbf, torch.zeros_like(rbf)
-        kappa, slope = feature_kernel(self.kernel).evaluate(self.feature_product(R))
+        kappa, slope, _ = feature_kernel(self.kernel).evaluate(self.feature_product(R))
         return rbf * kappa, rbf * slope
 
     def feature_product(self, R: Tensor) -> Tensor:
@@ -139,11 +148,15 @@ class NearObjective:
         pairs: of target and source.
         target_pairs: of the target with itself.
         source_pairs: of the source with itself.
+        target: (1, N, …).
+        source: (1, M, …).
     """
 
     pairs: NearPairs
     target_pairs: NearPairs
     source_pairs: NearPairs
+    target: CloudFunction
+    source: CloudFunction
 
     @classmethod
     def at(
@@ -161,7 +174,15 @@ class NearObjective:
             NearPairs.at(kernel, target, source, T, reach, most),
             NearPairs.at(kernel, target, target, identity, reach, most),
             NearPairs.at(kernel, source, source, identity, reach, most),
+            target,
+            source,
         )
+
+    def elsewhere(self, kernel: RkhsKernel, T: Tensor, lengthscale: Tensor) -> Tensor:
+        """⟨X, hZ⟩ at other poses (K, 4, 4) and ℓ (K,), (K,)."""
+        reach, most = REACH * float(lengthscale.max()), self.pairs.x.shape[2]
+        pairs = NearPairs.at(kernel, self.target, self.source, T, reach, most)
+        return pairs.mass(T, lengthscale)
 
     def moments(self, T_target_source: Tensor, lengthscale: Tensor) -> PoseMoments:
         """See Objective."""

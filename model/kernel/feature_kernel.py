@@ -1,6 +1,7 @@
 """κ(s) on the steerable features, s = f·g summed over channels (paper, section 4.3).
 
-Each kernel gives κ and its slope dκ/ds, from which the inner loops build closed-form steps.
+Each kernel gives κ, its slope and its curvature, from which the inner loops build closed-form
+steps and the Newton polish its Hessian.
 """
 
 from __future__ import annotations
@@ -20,32 +21,34 @@ class FeatureKernel:
 
     Attributes:
         name: its name in configurations and artifacts.
-        evaluate: s → (κ(s), κ'(s)), elementwise.
+        evaluate: s → (κ(s), κ'(s), κ''(s)), elementwise.
         cosine: whether s is the cosine of the two features rather than their inner product.
     """
 
     name: str
-    evaluate: Callable[[Tensor], tuple[Tensor, Tensor]]
+    evaluate: Callable[[Tensor], tuple[Tensor, Tensor, Tensor]]
     cosine: bool = False
 
 
-def _tanh(s: Tensor) -> tuple[Tensor, Tensor]:
+def _tanh(s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     value = torch.tanh(1.0 + s)
-    return value, 1.0 - value * value
+    slope = 1.0 - value * value
+    return value, slope, -2.0 * value * slope
 
 
-def _tanh_cosine(s: Tensor) -> tuple[Tensor, Tensor]:
+def _tanh_cosine(s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     value = torch.tanh(s)
-    return 1.0 + value, 1.0 - value * value
+    slope = 1.0 - value * value
+    return 1.0 + value, slope, -2.0 * value * slope
 
 
-def _exponential(s: Tensor) -> tuple[Tensor, Tensor]:
+def _exponential(s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
     value = torch.exp(s)
-    return value, value
+    return value, value, value
 
 
-def _constant(s: Tensor) -> tuple[Tensor, Tensor]:
-    return torch.ones_like(s), torch.zeros_like(s)
+def _constant(s: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+    return torch.ones_like(s), torch.zeros_like(s), torch.zeros_like(s)
 
 
 FEATURE_KERNELS: dict[str, FeatureKernel] = {

@@ -91,7 +91,7 @@ class RkhsKernel:
             rbf = rbf * labels
         if target.features.shape[-1] == 0 or self._feature.name == "none":
             return KernelTerms(rbf, torch.zeros_like(rbf), distance2)
-        kappa, kappa_slope = self._feature.evaluate(self.feature_product(target, source))
+        kappa, kappa_slope, _ = self._feature.evaluate(self.feature_product(target, source))
         return KernelTerms(rbf * kappa, rbf * kappa_slope, distance2)
 
     def feature_product(self, target: CloudFunction, source: CloudFunction) -> Tensor:

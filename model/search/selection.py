@@ -31,4 +31,7 @@ def selection_score(
     ones = torch.ones_like(T_target_source[:, 0, 0])
     fine = pairs.mass(T_target_source, ones * (FINE_LENGTHSCALE * resolution))
     coarse = pairs.mass(T_target_source, ones * (COARSE_LENGTHSCALE * resolution))
-    return fine.square() / coarse.clamp_min(1e-12) * (1.0 + support).sqrt()
+    # κ = tanh(1 + s) is negative for features that turn against each other: such a pose is wrong.
+    fine = fine.clamp_min(0.0)
+    tightness = (fine / coarse.clamp_min(1e-6)).clamp(max=1.0) * (coarse > 0)
+    return fine * tightness * (1.0 + support).sqrt()

@@ -35,12 +35,13 @@ def test_inner_product_is_the_papers_double_sum():
 
 
 @pytest.mark.parametrize("name", FEATURE_KERNELS)
-def test_slope_is_the_derivative(name):
+def test_slope_and_curvature_are_the_derivatives(name):
     s = torch.linspace(-2, 2, 21, dtype=torch.float64)
     step = 1e-6
-    up, down = (FEATURE_KERNELS[name].evaluate(s + d)[0] for d in (step, -step))
-    slope = FEATURE_KERNELS[name].evaluate(s)[1]
-    torch.testing.assert_close(slope, (up - down) / (2 * step), atol=1e-8, rtol=1e-8)
+    up, down = (FEATURE_KERNELS[name].evaluate(s + d) for d in (step, -step))
+    _, slope, curvature = FEATURE_KERNELS[name].evaluate(s)
+    torch.testing.assert_close(slope, (up[0] - down[0]) / (2 * step), atol=1e-8, rtol=1e-8)
+    torch.testing.assert_close(curvature, (up[1] - down[1]) / (2 * step), atol=1e-8, rtol=1e-8)
 
 
 @pytest.mark.parametrize("name", FEATURE_KERNELS)

@@ -129,6 +129,18 @@ def test_selection_prefers_a_tight_partial_fit_to_a_loose_full_one():
     assert selection_score(pairs, T, torch.tensor([0.0, 1e6])).argmax() == 1
 
 
+def test_a_pose_whose_features_turn_against_the_target_never_wins(cloud):
+    x = encoded(cloud(1, 200))
+    strong = CloudFunction.of(x.points, 3.0 * x.features)
+    against = CloudFunction.of(x.points, -3.0 * x.features)
+    kernel, T = RkhsKernel("tanh"), torch.eye(4)[None]
+    scores = [
+        selection_score(NearPairs.at(kernel, strong, z, T, 0.18, 24), T, torch.zeros(1))
+        for z in (strong, against)
+    ]
+    assert scores[1].item() == 0.0 < scores[0].item()
+
+
 def test_matched_features_name_the_pose(cloud, pose):
     x = encoded(cloud(1) - cloud(1).mean(0))
     T = pose(2, 140.0, shift=0.1).float()
