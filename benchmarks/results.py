@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import tempfile
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -152,17 +151,29 @@ class Results:
         write_json(path, content)
 
 
+def require_folder(path: Path) -> None:
+    """Refuse before the long part what could not be written after it.
+
+    Raises:
+        UnreadableFileError: the folder of the file doesn't exist.
+    """
+    if not path.parent.is_dir():
+        raise UnreadableFileError(
+            "its folder doesn't exist", field="out", value=path, mend="create the folder first"
+        )
+
+
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON in one move.
 
     Raises:
         UnreadableFileError: the place can't be written.
     """
+    staged = path.with_name(f".{path.name}-{os.getpid()}")
     try:
-        handle, staged = tempfile.mkstemp(prefix=f".{path.name}-", dir=path.parent)
-        with os.fdopen(handle, "w") as stream:
+        with staged.open("w") as stream:
             json.dump(content, stream, allow_nan=False)
-        os.replace(staged, path)
+        staged.replace(path)
     except OSError as error:
         raise UnreadableFileError(
             f"the results can't be written: {error.strerror}",
@@ -170,6 +181,8 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
             value=path,
             mend="give a file in a folder that exists and can be written",
         ) from error
+    finally:
+        staged.unlink(missing_ok=True)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -225,9 +238,11 @@ def open_results(path: Path | None, benchmark: str, settings: Mapping[str, Any])
 
     Raises:
         InvalidOptionError: the file is of another benchmark or of other settings.
-        UnreadableFileError: it isn't a results file.
+        UnreadableFileError: it isn't a results file, or its folder doesn't exist.
     """
     plain = _plain(settings)
+    if path is not None:
+        require_folder(path)
     if path is None or not path.exists():
         return Results(benchmark, plain)
     results = read_results(path)

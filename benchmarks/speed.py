@@ -15,6 +15,7 @@ from benchmarks.growth import growth_sheet
 from benchmarks.methods.equivalign import EquivAlign
 from benchmarks.methods.fpfh import FpfhRansac
 from benchmarks.provenance import Provenance
+from benchmarks.results import require_folder
 from benchmarks.sheet import Sheet
 from benchmarks.speed_file import SpeedResults
 from benchmarks.table import print_methods, print_sheets
@@ -32,6 +33,8 @@ def speed_command(arguments: list[str], command: str) -> int:
         command: the whole command, for the results file.
     """
     given = _parser().parse_args(arguments)
+    if given.out is not None:
+        require_folder(given.out)
     provenance = Provenance.now(command)
     artifact = load_artifact(given.artifact)
     ours = EquivAlign("ours", Registrar(artifact))

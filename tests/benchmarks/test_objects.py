@@ -97,6 +97,13 @@ def test_pairs_are_exported_without_their_poses(tmp_path: Path) -> None:
             assert archive["source"].shape == (pair.points_source, 3)
 
 
+def test_results_in_a_folder_that_is_not_there_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableFileError, match="folder doesn't exist"):
+        benchmark_command(
+            [*TINY, "--methods", "identity", "--out", str(tmp_path / "no" / "r.json")]
+        )
+
+
 def test_wrong_options_are_refused() -> None:
     with pytest.raises(InvalidOptionError, match="methods"):
         benchmark_command([*TINY, "--methods", "telepathy"])
