@@ -15,6 +15,9 @@ from benchmarks.pair import FloatArray
 
 _registration: Any = o3d.pipelines.registration
 
+# Share of the correspondences that a stage has to keep.
+_COLLAPSE = 0.5
+
 
 @dataclass(frozen=True, slots=True)
 class OpenIcp:
@@ -84,9 +87,10 @@ class OpenGicp:
 def closer(
     moving: Any, fixed: Any, T: FloatArray, reach: float, estimation: Any, iterations: int
 ) -> FloatArray:
-    """One stage of ICP from T (4, 4), taken back if it loses correspondences.
+    """One stage of ICP from T (4, 4), taken back if it loses most of its correspondences.
 
     With few correspondences a point-to-plane step can be singular and throw the source far away.
+    Losing some is no fault: a better pose may have fewer points within a close reach.
 
     Args:
         moving: the source.
@@ -105,7 +109,8 @@ def closer(
     criteria = _registration.ICPConvergenceCriteria(max_iteration=iterations)
     before = _registration.evaluate_registration(moving, fixed, reach, T)
     after = run(moving, fixed, reach, T, estimation, criteria)
-    return T if after.fitness < before.fitness else np.array(after.transformation)
+    collapsed = after.fitness < _COLLAPSE * before.fitness
+    return T if collapsed else np.array(after.transformation)
 
 
 def polished(moving: Any, fixed: Any, T: FloatArray, step: float) -> FloatArray:
