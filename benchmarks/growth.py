@@ -7,6 +7,7 @@ import time
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 from rich.progress import Progress
@@ -70,8 +71,8 @@ def growth_sheet(sizes: list[int], artifact: str | None, seed: int, progress: Pr
         "growth with the number of points of each cloud",
         ["points", "s", "µs/point", "peak MiB", "input MiB", "rot. error °"],
         rows,
-        note="Peak: resident memory (VmHWM) above what the process, with both clouds loaded, held "
-        f"after it had registered a pair of {_WARM_UP_POINTS} points.",
+        note="Peak: the most resident memory that the process ever held (VmHWM), above what it held "
+        f"(VmRSS) with both clouds loaded and a pair of {_WARM_UP_POINTS} points registered.",
     )
 
 
@@ -100,20 +101,20 @@ def _measure(path: Path, artifact: str | None, seed: int) -> Measured:
         source, target = archive["source"], archive["target"]
     registrar = Registrar.load(artifact)
     registrar.register(source[:_WARM_UP_POINTS], target[:_WARM_UP_POINTS], seed=seed)
-    before = peak_resident_bytes()
+    before = resident_bytes("VmRSS")
     start = time.perf_counter()
     result = registrar.register(source, target, seed=seed)
     seconds = time.perf_counter() - start
-    after = peak_resident_bytes()
+    after = resident_bytes("VmHWM")
     peak = None if before is None or after is None else after - before
     return Measured(seconds, peak, result.T_target_source.tolist())
 
 
-def peak_resident_bytes() -> int | None:
-    """The most memory that this process ever held, where Linux tells; None elsewhere."""
+def resident_bytes(entry: Literal["VmRSS", "VmHWM"]) -> int | None:
+    """Memory that this process holds, or the most it ever held; None where Linux doesn't tell."""
     if not _STATUS.is_file():
         return None
     for line in _STATUS.read_text().splitlines():
-        if line.startswith("VmHWM:"):
+        if line.startswith(f"{entry}:"):
             return 1024 * int(line.split()[1])
     return None

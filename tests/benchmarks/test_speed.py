@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from benchmarks.command_line import benchmark_command
-from benchmarks.growth import peak_resident_bytes
+from benchmarks.growth import resident_bytes
 from benchmarks.speed_file import SpeedResults, read_speed
 from model.artifact import Artifact, save_artifact
 from model.encoder import build_encoder
@@ -57,7 +57,7 @@ def test_growth_states_time_and_memory(speed: tuple[SpeedResults, str]) -> None:
     [row] = speed[0].sheets[4].rows
     assert row[0] == "1,000"
     assert float(row[1]) > 0.0
-    if peak_resident_bytes() is not None:
+    if resident_bytes("VmHWM") is not None:
         assert 0 <= int(row[3]) < 4096
 
 
