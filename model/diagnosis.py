@@ -26,7 +26,8 @@ _UNIT_RATIO = 10.0
 _ENOUGH_SHARED = 50
 # A runner-up this much like the answer makes the answer ambiguous.
 _AMBIGUOUS = 0.9
-_LOW_SIMILARITY = 0.5
+# ρ at a fine ℓ is low for any two samplings: only next to nothing is a sign of a wrong pose.
+_LOW_SIMILARITY = 0.1
 _LOW_OVERLAP = 0.3
 
 

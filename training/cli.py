@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
 from collections.abc import Callable
@@ -15,6 +16,7 @@ from lightning.pytorch.callbacks import (
 )
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 
+from training.checkpoint import LastCheckpoint
 from training.data.module import PairDataModule
 from training.module import EquivAlign
 
@@ -29,11 +31,11 @@ class TrainingCLI(LightningCLI):
             {
                 "checkpoint.monitor": "val/score",
                 "checkpoint.mode": "max",
-                "checkpoint.save_last": True,
                 "checkpoint.filename": "best",
-                "checkpoint.auto_insert_metric_name": False,
+                "checkpoint.enable_version_counter": False,
             }
         )
+        parser.add_lightning_class_args(LastCheckpoint, "last_checkpoint")
         parser.add_lightning_class_args(LearningRateMonitor, "learning_rate_monitor")
         parser.set_defaults({"learning_rate_monitor.logging_interval": "step"})
 
@@ -49,6 +51,10 @@ def run(subcommand: str, argv: list[str]) -> int:
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     # Lightning's own calls; nothing a user could mend.
     warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning")
+    # Its advertisements.
+    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(
+        lambda record: "Tip:" not in record.getMessage()
+    )
     TrainingCLI(
         EquivAlign,
         PairDataModule,

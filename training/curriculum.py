@@ -71,7 +71,8 @@ class Curriculum:
             )
         self.stages = list(stages)
         self.index = 0
-        self.steps_in_stage = 0
+        self.started_at = 0
+        self.step = 0
         self.best_success = 0.0
         self.validations_without_growth = 0
 
@@ -85,10 +86,10 @@ class Curriculum:
         """Whether no stage follows."""
         return self.index == len(self.stages) - 1
 
-    def count_step(self) -> bool:
-        """Count an optimiser step; tells whether the stage ended by it."""
-        self.steps_in_stage += 1
-        return self._advance() if self.steps_in_stage >= self.stage.max_steps else False
+    def reach(self, step: int) -> bool:
+        """Take the number of optimiser steps so far; tells whether the stage ended by it."""
+        self.step = step
+        return self._advance() if step - self.started_at >= self.stage.max_steps else False
 
     def judge(self, success: float) -> bool:
         """Take a validation's success (0 to 1); tells whether the stage ended by it."""
@@ -104,7 +105,7 @@ class Curriculum:
         if self.at_last:
             return False
         self.index += 1
-        self.steps_in_stage = 0
+        self.started_at = self.step
         self.best_success = 0.0
         self.validations_without_growth = 0
         return True
@@ -113,7 +114,7 @@ class Curriculum:
         """Position in the curriculum."""
         return {
             "index": self.index,
-            "steps_in_stage": self.steps_in_stage,
+            "started_at": self.started_at,
             "best_success": self.best_success,
             "validations_without_growth": self.validations_without_growth,
         }
@@ -132,6 +133,6 @@ class Curriculum:
                 mend="resume with the configuration the checkpoint was made with",
             )
         self.index = int(state["index"])
-        self.steps_in_stage = int(state["steps_in_stage"])
+        self.started_at = int(state["started_at"])
         self.best_success = float(state["best_success"])
         self.validations_without_growth = int(state["validations_without_growth"])

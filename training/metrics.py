@@ -69,7 +69,7 @@ class RegistrationMetrics(nn.Module):
 
 
 def effective_rank(cloud: CloudFunction) -> Tensor:
-    """Exponential of the entropy of the channels' spectrum, (B,): 1 when all channels say the same."""
+    """Entropy of the channels' spectrum, exponentiated, (B,): 1 when all say the same."""
     f = cloud.features * cloud.mask[..., None, None]
     spectrum = torch.linalg.svdvals(f.flatten(1, 2))
     share = spectrum / spectrum.sum(-1, keepdim=True).clamp_min(1e-12)

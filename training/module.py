@@ -197,9 +197,9 @@ class EquivAlign(LightningModule):
         """Tell the data the present stage's angle."""
         self._enter_stage()
 
-    def on_train_batch_end(self, outputs: Any, batch: PairBatch, batch_idx: int) -> None:
-        """Count the step."""
-        if self.curriculum.count_step():
+    def on_train_batch_start(self, batch: PairBatch, batch_idx: int) -> None:
+        """See whether the steps so far end the stage; the next batch then has its angle."""
+        if self.curriculum.reach(self.global_step):
             self._enter_stage()
 
     def _enter_stage(self) -> None:

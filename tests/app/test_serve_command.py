@@ -53,7 +53,11 @@ def test_bad_settings_are_one_line(
 
 
 def test_a_process_serves_until_it_is_told_to_stop(artifact: Path) -> None:
-    start = "import sys; from app.command_line import main; sys.exit(main())"
+    # A shell that runs this in the background passes SIGINT on as ignored.
+    start = (
+        "import signal, sys; signal.signal(signal.SIGINT, signal.default_int_handler); "
+        "from app.command_line import main; sys.exit(main())"
+    )
     process = subprocess.Popen(
         [sys.executable, "-c", start, "serve", "--artifact", artifact, "--port", "0"],
         stderr=subprocess.PIPE,

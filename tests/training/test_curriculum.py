@@ -19,7 +19,8 @@ def test_stages_end_by_success_by_plateau_and_by_steps():
     assert curriculum.judge(0.95)
     assert curriculum.stage.max_angle == 10
     assert [curriculum.judge(s) for s in (0.3, 0.3, 0.2)] == [False, False, True]
-    assert [curriculum.count_step() for _ in range(3)] == [False, False, True]
+    curriculum.started_at = 10
+    assert [curriculum.reach(step) for step in (11, 12, 13)] == [False, False, True]
     assert curriculum.at_last
     assert not curriculum.judge(1.0)
     assert curriculum.stage.max_angle == 45
@@ -28,10 +29,11 @@ def test_stages_end_by_success_by_plateau_and_by_steps():
 def test_state_goes_on_where_it_stopped():
     stages = [Stage(max_angle=a, max_steps=5) for a in (1, 10, 20)]
     first, second = Curriculum(stages), Curriculum(stages)
-    for _ in range(7):
-        first.count_step()
+    for step in range(8):
+        first.reach(step)
     second.load_state_dict(first.state_dict())
-    assert (second.index, second.steps_in_stage) == (1, 2)
+    assert second.index == 1
+    assert [second.reach(step) for step in (9, 10)] == [False, True]
     with pytest.raises(InvalidOptionError, match="curriculum"):
         Curriculum(stages[:1]).load_state_dict(first.state_dict())
 

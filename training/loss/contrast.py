@@ -165,4 +165,3 @@ def _weight(a: Alignment, uses_made_transform: bool) -> Tensor:
 
 def _unit(features: Tensor) -> Tensor:
     return nn.functional.normalize(features, dim=-1)
-
