@@ -71,7 +71,7 @@ def growth_sheet(sizes: list[int], artifact: str | None, seed: int, progress: Pr
         "growth with the number of points of each cloud",
         ["points", "s", "µs/point", "peak MiB", "input MiB", "rot. error °"],
         rows,
-        note="Peak: the most resident memory that the process ever held (VmHWM), above what it held "
+        note="Peak: the most resident memory that the process ever held (VmHWM) above what it held "
         f"(VmRSS) with both clouds loaded and a pair of {_WARM_UP_POINTS} points registered.",
     )
 
