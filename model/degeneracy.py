@@ -9,6 +9,7 @@ from scipy.spatial import KDTree
 FloatArray = npt.NDArray[np.float64]
 
 _NEIGHBOURS = 12
+_ENOUGH = 50
 # A motion is free where it moves points along their normals by less than this share of the most
 # resisted motion, in the mean square.
 _FREE = 0.015
@@ -25,8 +26,11 @@ def degenerate_directions(points: FloatArray) -> list[str]:
         points: (N, 3), those that both clouds share, in the normalised frame.
 
     Returns:
-        one phrase a direction, along the given axes, the freest first.
+        one phrase a direction, along the given axes; none for fewer than 50 points, whose normals
+        can't be told.
     """
+    if len(points) < _ENOUGH:
+        return []
     centred = points - points.mean(axis=0)
     radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
     normals = _normals(centred)

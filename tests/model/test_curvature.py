@@ -127,6 +127,7 @@ def test_degenerate_directions_are_named(kind, said, noise):
 
 def test_an_irregular_shape_has_no_degenerate_direction(cloud):
     assert degenerate_directions(cloud(5).double().numpy()) == []
+    assert degenerate_directions(cloud(5, n=20).double().numpy()) == []
 
 
 def test_covariance_and_information_are_inverse_and_in_the_inputs_unit(cloud):
