@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from typing import Any
 
 import torch
@@ -15,6 +14,7 @@ from model.cloud_function import CloudFunction
 from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
+from training.alarms import warn_of_collapse
 from training.bilevel import BilevelSolver, InnerSolution
 from training.curriculum import Curriculum, Stage
 from training.data.pairs import PairBatch
@@ -22,9 +22,6 @@ from training.frame import in_joint_frame
 from training.loss import Alignment, OuterLoss
 from training.metrics import RegistrationMetrics
 
-# Below this the channels all say the same.
-_COLLAPSED_RANK = 1.5
-_EMPTY_KERNEL = 0.9999
 _DETACHED_CLIP = 1.0  # Lightning clips by itself only where it also steps
 # ρ at which a pair counts half, and how sharply, when pairs are gated by confidence.
 _GATE_CENTRE, _GATE_WIDTH = 0.5, 0.1
@@ -165,7 +162,7 @@ class EquivAlign(LightningModule):
         """Log the metrics, raise collapse alarms, let the curriculum judge."""
         values = self._log_metrics("val")
         self.log("val/score", self.curriculum.index + values["recall_5deg"], sync_dist=True)
-        self._alarm(values)
+        warn_of_collapse(values, self.curriculum.stage, self.bilevel.inner_loop)
         training = self.trainer.state.fn == "fit" and not self.trainer.sanity_checking
         if training and self.curriculum.judge(float(values["recall_5deg"])):
             self._enter_stage()
@@ -179,19 +176,6 @@ class EquivAlign(LightningModule):
         self.metrics.reset()
         self.log_dict({f"{subset}/{name}": value for name, value in values.items()})
         return values
-
-    def _alarm(self, values: dict[str, Tensor]) -> None:
-        low, high = self.curriculum.stage.lengthscale_bounds
-        ell = float(values["lengthscale"])
-        alarms = []
-        if float(values["effective_rank"]) < _COLLAPSED_RANK:
-            alarms.append(f"effective_rank {values['effective_rank']:.2f}: the features collapse")
-        if self.bilevel.inner_loop == "gradient" and not low * 1.01 < ell < high * 0.99:
-            alarms.append(f"lengthscale {ell:.3f} is at its bound [{low}, {high}]")
-        if float(values["kernel_sparsity"]) > _EMPTY_KERNEL:
-            alarms.append(f"kernel_sparsity {values['kernel_sparsity']:.4f}: the kernel empties")
-        for alarm in alarms:
-            warnings.warn(f"COLLAPSE ALARM: {alarm}", CollapseWarning, stacklevel=2)
 
     def on_fit_start(self) -> None:
         """Tell the data the present stage's angle."""
@@ -298,7 +282,3 @@ class EquivAlign(LightningModule):
         self.log_dict(logged)
         self.log("loss", loss.detach(), prog_bar=True, logger=False)
         self.log("angle", stage.max_angle, prog_bar=True, logger=False)
-
-
-class CollapseWarning(UserWarning):
-    """The training is learning nothing: the message names the metric."""
