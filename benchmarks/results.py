@@ -101,11 +101,13 @@ class Results:
             InvalidOptionError: rows by other settings of it are there already.
         """
         plain = _plain(settings)
-        if self.methods.setdefault(method, plain) != plain:
+        listed = self.methods.setdefault(method, plain)
+        other = [name for name in {**listed, **plain} if listed.get(name) != plain.get(name)]
+        if other:
             raise InvalidOptionError(
                 f"this file holds rows of {method} with other settings",
                 field="out",
-                value=self.methods[method],
+                value=", ".join(f"{name} {listed.get(name)}" for name in other),
                 mend="give another file, or take the method out of --methods",
             )
 

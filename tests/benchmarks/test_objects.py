@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from benchmarks.command_line import benchmark_command
-from benchmarks.results import read_results
+from benchmarks.results import Results, read_results
 from benchmarks.summary import Summary, cells, rows_by_method
 from model.exceptions import InvalidOptionError, UnreadableFileError
 
@@ -61,6 +61,14 @@ def test_a_run_goes_on_where_it_stopped(first: Path) -> None:
 def test_results_of_other_settings_are_not_mixed(first: Path) -> None:
     with pytest.raises(InvalidOptionError, match="other settings"):
         benchmark_command([*TINY, "--sampler", "official", "--out", str(first)])
+
+
+def test_rows_of_one_method_with_other_settings_are_not_mixed() -> None:
+    results = Results("objects", {})
+    results.admit("ours", {"solver": "procrustes", "weights_sha256": "a"})
+    results.admit("ours", {"solver": "procrustes", "weights_sha256": "a"})
+    with pytest.raises(InvalidOptionError, match=r"weights_sha256 a\)"):
+        results.admit("ours", {"solver": "procrustes", "weights_sha256": "b"})
 
 
 def test_poses_of_another_program_are_scored(first: Path, tmp_path: Path) -> None:
