@@ -4,6 +4,8 @@ SHELL := /bin/sh
 PYTHON ?=
 BIN := .venv/bin
 READY := .venv/.ready
+# Waiting threads give the core away; see app/__init__.py.
+export OMP_WAIT_POLICY ?= passive
 ARTIFACT ?=
 HOST ?= 127.0.0.1
 PORT ?= 8000
