@@ -10,7 +10,12 @@ from torch import Tensor, nn
 
 from model.exceptions import InvalidOptionError
 from training.loss.alignment import Alignment
-from training.loss.contrast import FeatureContrast, InvariantContrast, PoseContrast
+from training.loss.contrast import (
+    MatchingContrast,
+    PoseContrast,
+    feature_likeness,
+    invariant_likeness,
+)
 from training.loss.rkhs import RkhsCosine, RkhsDistance
 
 LOSSES: dict[str, Callable[..., nn.Module]] = {
@@ -20,8 +25,8 @@ LOSSES: dict[str, Callable[..., nn.Module]] = {
     "rkhs_cosine_detached": partial(RkhsCosine, detach_self_terms=True),
     "pose_contrast": PoseContrast,
     "pose_contrast_solved": partial(PoseContrast, reference="solved"),
-    "feature_contrast": FeatureContrast,
-    "invariant_contrast": InvariantContrast,
+    "feature_contrast": partial(MatchingContrast, feature_likeness),
+    "invariant_contrast": partial(MatchingContrast, invariant_likeness, temperature=20.0),
 }
 
 

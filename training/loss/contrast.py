@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from typing import Literal
 
 import torch
@@ -79,23 +80,29 @@ class PoseContrast(nn.Module):
         return pose_matrix(R, t) @ T
 
 
-class FeatureContrast(nn.Module):
-    """Each target point against all source points in the aligned frame, by f·Rg.
+class MatchingContrast(nn.Module):
+    """Each target point against all source points, matched by how alike their features are.
 
     Self-supervised: it uses the transform that the data pipeline made, never a measured one.
 
     Args:
+        likeness: of the target's points (B, N) and of the truly moved source's (B, M), (B, N, M).
         points: points of each cloud that are compared.
         neighbourhood: points this close in the aligned frame count as the same.
-        temperature: initial factor of the cosine in the softmax; learned.
+        temperature: initial factor of the likeness in the softmax; learned.
     """
 
     uses_made_transform = True
 
     def __init__(
-        self, points: int = 400, neighbourhood: float = 0.05, temperature: float = 10.0
+        self,
+        likeness: Callable[[CloudFunction, CloudFunction], Tensor],
+        points: int = 400,
+        neighbourhood: float = 0.05,
+        temperature: float = 10.0,
     ) -> None:
         super().__init__()
+        self.likeness = likeness
         self.points = points
         self.neighbourhood = neighbourhood
         self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
@@ -104,40 +111,19 @@ class FeatureContrast(nn.Module):
         """Scalar cross entropy."""
         a = alignment.thinned(self.points)
         moved = a.source_at(a.T_made)
-        likeness = _unit(a.target.features.flatten(2)) @ _unit(moved.features.flatten(2)).transpose(
-            -1, -2
-        )
-        logits = self.log_temperature.exp() * likeness
+        logits = self.log_temperature.exp() * self.likeness(a.target, moved)
         return matching_cross_entropy(a, moved, logits, self.neighbourhood)
 
 
-class InvariantContrast(nn.Module):
-    """Each target point against all source points by the Gram matrices FᵀF, which don't turn.
+def feature_likeness(target: CloudFunction, moved: CloudFunction) -> Tensor:
+    """Cosine of f and R g: the vectors as they stand at the pose."""
+    f, g = _unit(target.features.flatten(2)), _unit(moved.features.flatten(2))
+    return f @ g.transpose(-1, -2)
 
-    Self-supervised: it uses the transform that the data pipeline made, never a measured one.
 
-    Args:
-        points: points of each cloud that are compared.
-        neighbourhood: points this close in the aligned frame count as the same.
-        temperature: initial factor of the cosine in the softmax; learned.
-    """
-
-    uses_made_transform = True
-
-    def __init__(
-        self, points: int = 400, neighbourhood: float = 0.05, temperature: float = 20.0
-    ) -> None:
-        super().__init__()
-        self.points = points
-        self.neighbourhood = neighbourhood
-        self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
-
-    def forward(self, alignment: Alignment) -> Tensor:
-        """Scalar cross entropy."""
-        a = alignment.thinned(self.points)
-        likeness = invariants(a.target) @ invariants(a.source).transpose(-1, -2)
-        logits = self.log_temperature.exp() * likeness
-        return matching_cross_entropy(a, a.source_at(a.T_made), logits, self.neighbourhood)
+def invariant_likeness(target: CloudFunction, moved: CloudFunction) -> Tensor:
+    """Cosine of the Gram matrices FᵀF, which don't turn: what the search matches by."""
+    return invariants(target) @ invariants(moved).transpose(-1, -2)
 
 
 def matching_cross_entropy(
