@@ -140,7 +140,7 @@ class Refinement:
     def _objective(self, T: Tensor) -> NearObjective:
         """What is near the winner now stays near: the last stage moves it by less than ℓ."""
         reach = (REACH + 1.0) * self.loop.lengthscale
-        return NearObjective.at(self.kernel, self.target, self.source, T, reach, _NEAR)
+        return NearObjective.at(self.kernel, self.target, self.source, T, reach, _NEAR, self.tree)
 
     def _subset(self, generator: torch.Generator) -> CloudFunction:
         order = torch.randperm(self.source.points.shape[1], generator=generator)

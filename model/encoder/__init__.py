@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 from torch import nn
@@ -45,10 +45,4 @@ def build_encoder(name: str, **architecture: Any) -> nn.Module:
         ) from None
 
 
-def describe_encoder(name: str, architecture: Mapping[str, Any]) -> dict[str, Any]:
-    """The encoder as an artifact records it."""
-    plain = {k: list(v) if isinstance(v, tuple) else v for k, v in architecture.items()}
-    return {"name": name, "architecture": plain}
-
-
-__all__ = ["ENCODERS", "VNDgcnn", "VNGraph", "build_encoder", "describe_encoder"]
+__all__ = ["ENCODERS", "VNDgcnn", "VNGraph", "build_encoder"]

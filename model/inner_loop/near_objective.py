@@ -167,12 +167,14 @@ class NearObjective:
         T: Tensor,
         reach: float,
         most: int,
+        tree: KDTree | None = None,
     ) -> NearObjective:
-        """Collect all pairs nearer than ``reach`` at the pose T (1, 4, 4)."""
+        """Collect all pairs nearer than ``reach`` at the pose T (1, 4, 4); see NearPairs.at."""
+        tree = KDTree(target.points[0].numpy()) if tree is None else tree
         identity = torch.eye(4, dtype=T.dtype)[None]
         return cls(
-            NearPairs.at(kernel, target, source, T, reach, most),
-            NearPairs.at(kernel, target, target, identity, reach, most),
+            NearPairs.at(kernel, target, source, T, reach, most, tree),
+            NearPairs.at(kernel, target, target, identity, reach, most, tree),
             NearPairs.at(kernel, source, source, identity, reach, most),
             target,
             source,
