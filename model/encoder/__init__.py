@@ -9,10 +9,12 @@ from torch import nn
 
 from model.encoder.vn_dgcnn import VNDgcnn
 from model.encoder.vn_graph import VNGraph
+from model.encoder.vn_scales import VNScales
 from model.exceptions import InvalidOptionError
 
 ENCODERS: dict[str, Callable[..., nn.Module]] = {
     "vn_graph": VNGraph,
+    "vn_scales": VNScales,
     "vn_dgcnn": VNDgcnn,
 }
 
@@ -45,4 +47,4 @@ def build_encoder(name: str, **architecture: Any) -> nn.Module:
         ) from None
 
 
-__all__ = ["ENCODERS", "VNDgcnn", "VNGraph", "build_encoder"]
+__all__ = ["ENCODERS", "VNDgcnn", "VNGraph", "VNScales", "build_encoder"]

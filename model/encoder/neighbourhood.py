@@ -1,4 +1,4 @@
-"""Who a point's neighbours are: Gaussian balls in space, or the k nearest in any feature space."""
+"""Who a point's neighbours are: balls in space, or the k nearest in any feature space."""
 
 from __future__ import annotations
 
@@ -23,6 +23,23 @@ def gaussian_neighbourhood(distance2: Tensor, mask: Tensor, radius: float) -> Te
         (B, N, N) weights; each row sums to 1.
     """
     weight = torch.exp(distance2 * (-0.5 / (radius * radius))) * mask[:, None, :]
+    return weight / weight.sum(-1, keepdim=True).clamp_min(1e-12)
+
+
+def compact_neighbourhood(distance2: Tensor, mask: Tensor, radius: float) -> Tensor:
+    """Row-normalised (1 − r²/radius²)²: an average that ends at the radius.
+
+    What lies beyond can't change it, so a crop disturbs only the points near its edge.
+
+    Args:
+        distance2: (B, N, N) squared distances.
+        mask: (B, N), 1 for a real point.
+        radius: where the ball ends, in the unit of the points.
+
+    Returns:
+        (B, N, N) weights; each row sums to 1.
+    """
+    weight = (1.0 - distance2 / (radius * radius)).clamp_min(0.0).square() * mask[:, None, :]
     return weight / weight.sum(-1, keepdim=True).clamp_min(1e-12)
 
 

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Literal
 
 import torch
 from torch import Tensor, nn
 
-from model.encoder.neighbourhood import gaussian_neighbourhood
+from model.encoder.neighbourhood import compact_neighbourhood, gaussian_neighbourhood
 from model.encoder.vector_neuron import FeatureScale, VNLeakyReLU, VNLinear, VNPointNorm
 from model.kernel.rkhs import squared_distances
+
+
+BallProfile = Literal["gaussian", "compact"]
+# A compact ball weighs points about as a Gaussian of this share of its radius does.
+_COMPACT_SIGMA = 1.0 / 2.6
 
 
 class VNGraph(nn.Module):
     """x ⊕ σ(f W + Σ_r (mean_r f − f) W_r), gated by invariants (paper, section 4.1).
 
-    The graph is static: neighbours are those in space, weighted by Gaussians of several radii and
+    The graph is static: neighbours are those in space, weighted by balls of several radii and
     averaged, which makes the features smooth in the points and robust to resampling. The first
     vectors are moments of each ball: its offset, its offset seen through its covariance, and
     cross products of offsets. The last are what tells a shape from its mirror image.
@@ -25,9 +31,11 @@ class VNGraph(nn.Module):
         channels: C of the hidden layers.
         channels_out: C of the features.
         invariants: width of the scalar stream that gates the vectors.
-        radii: of the balls, in the normalised frame (the unit sphere holds both clouds).
+        radii: of the balls, in the normalised frame (the unit sphere holds both clouds): standard
+            deviations of a Gaussian profile, ends of a compact one.
         layers: number of graph convolutions.
         slope: of the vector-neuron leaky ReLU.
+        profile: ``gaussian`` balls see everything a little; ``compact`` ones end.
     """
 
     def __init__(
@@ -38,9 +46,11 @@ class VNGraph(nn.Module):
         radii: Sequence[float] = (0.08, 0.16, 0.32),
         layers: int = 2,
         slope: float = 0.2,
+        profile: BallProfile = "gaussian",
     ) -> None:
         super().__init__()
         self.radii = tuple(radii)
+        self.profile = profile
         self.channels_out = channels_out
         n = len(self.radii)
         pairs = n * (n - 1) // 2
@@ -62,8 +72,8 @@ class VNGraph(nn.Module):
         # Only differences matter; near the origin they lose fewer digits.
         x = x - (x * mask[..., None]).sum(1, keepdim=True) / mask.sum(1)[:, None, None]
         distance2 = squared_distances(x, x)
-        balls = [gaussian_neighbourhood(distance2, mask, radius) for radius in self.radii]
-        vectors, scalars = ball_moments(x, balls, self.radii)
+        balls = self._balls(distance2, mask)
+        vectors, scalars = ball_moments(x, balls, self._widths())
         h = self.lift_invariants(self.moment_norm(scalars))
         f = self.point_norm(self.lift(vectors) * self.lift_gate(h)[..., None, :])
         levels = [f]
@@ -73,6 +83,17 @@ class VNGraph(nn.Module):
         out = self.head(torch.cat(levels, -1)) * self.head_gate(h)[..., None, :]
         scaled: Tensor = self.scale(out)
         return scaled
+
+    def _balls(self, distance2: Tensor, mask: Tensor) -> list[Tensor]:
+        neighbourhood = (
+            gaussian_neighbourhood if self.profile == "gaussian" else compact_neighbourhood
+        )
+        return [neighbourhood(distance2, mask, radius) for radius in self.radii]
+
+    def _widths(self) -> list[float]:
+        """The standard deviation that each ball is about as wide as."""
+        share = 1.0 if self.profile == "gaussian" else _COMPACT_SIGMA
+        return [share * radius for radius in self.radii]
 
 
 class GraphConvolution(nn.Module):

@@ -42,7 +42,20 @@ def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> T
 
 def invariants(cloud: CloudFunction) -> Tensor:
     """Upper triangle of FᵀF, normalised, (B, N, C(C+1)/2): the features without their direction."""
-    f = cloud.features
+    return _gram(cloud.features)
+
+
+def grouped_invariants(cloud: CloudFunction, groups: int) -> list[Tensor]:
+    """The invariants of each group of channels by itself; an encoder of several scales has several.
+
+    Args:
+        cloud: (B, N, …).
+        groups: how many; the channels are divided evenly.
+    """
+    return [_gram(f) for f in cloud.features.chunk(groups, dim=-1)]
+
+
+def _gram(f: Tensor) -> Tensor:
     rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
     gram = (f.transpose(-1, -2) @ f)[..., rows, columns]
     return torch.nn.functional.normalize(gram, dim=-1)

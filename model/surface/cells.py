@@ -1,0 +1,86 @@
+"""Points sorted into the cells of a regular grid: who is near, without a tree."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from model.compiled import compiled
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+# Cells of a cloud whose points are few and far between would outnumber the points.
+_MOST_CELLS = 2_000_000
+
+
+class Cells(NamedTuple):
+    """A cloud in cell order.
+
+    Attributes:
+        points: (N, 3), cell by cell.
+        order: (N,) the given row of each.
+        low: (3,) corner of the grid.
+        shape: (3,) cells along each axis.
+        start: (cells + 1,) where each cell's points begin.
+        size: edge of a cell; all points within it of a position lie in the 27 cells around.
+    """
+
+    points: FloatArray
+    order: IntArray
+    low: FloatArray
+    shape: IntArray
+    start: IntArray
+    size: float
+
+
+def cells_of(points: FloatArray, size: float) -> Cells:
+    """Sort points (N, 3) into cells of at least this size."""
+    low = points.min(axis=0)
+    extent = points.max(axis=0) - low
+    while True:
+        shape = (extent / size).astype(np.int64) + 1
+        if float(np.prod(shape.astype(np.float64))) <= _MOST_CELLS:
+            break
+        size *= 1.5
+    at = np.minimum(((points - low) / size).astype(np.int64), shape - 1)
+    cell = (at[:, 0] * shape[1] + at[:, 1]) * shape[2] + at[:, 2]
+    order = np.argsort(cell, kind="stable")
+    start = np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
+    np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
+    return Cells(np.ascontiguousarray(points[order]), order, low, shape, start, float(size))
+
+
+@compiled
+def runs_around(cells: Cells, y0: float, y1: float, y2: float, runs: IntArray) -> int:
+    """Runs of points in the 27 cells around a position; at most 9, as z is contiguous.
+
+    Args:
+        cells: of the cloud.
+        y0: the position's x; y1, y2 likewise.
+        y1: see ``y0``.
+        y2: see ``y0``.
+        runs: (9, 2) is filled with the first and past-the-last row of each run.
+
+    Returns:
+        how many runs there are.
+    """
+    shape = cells.shape
+    q0 = int(math.floor((y0 - cells.low[0]) / cells.size))
+    q1 = int(math.floor((y1 - cells.low[1]) / cells.size))
+    q2 = int(math.floor((y2 - cells.low[2]) / cells.size))
+    first, last = max(0, q2 - 1), min(shape[2] - 1, q2 + 1)
+    count = 0
+    if last < first:
+        return 0
+    for u in range(max(0, q0 - 1), min(shape[0], q0 + 2)):
+        for v in range(max(0, q1 - 1), min(shape[1], q1 + 2)):
+            row = (u * shape[1] + v) * shape[2]
+            a, b = cells.start[row + first], cells.start[row + last + 1]
+            if b > a:
+                runs[count, 0], runs[count, 1] = a, b
+                count += 1
+    return count

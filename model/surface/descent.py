@@ -1,0 +1,97 @@
+"""Gauss–Newton steps on the surface kernel."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray
+from model.surface.moments import REACH, SurfaceArrays, surface_moments
+
+_DAMPING = 1e-6
+_HALVINGS = 4
+
+
+@compiled
+def descend(
+    cells: Cells,
+    target: SurfaceArrays,
+    source: SurfaceArrays,
+    T: FloatArray,
+    lengthscale: float,
+    across: float,
+    steps: int,
+    tolerance: float,
+) -> tuple[FloatArray, float, bool]:
+    """Raise S from T (4, 4); a step that would lower it is halved, then given up.
+
+    Args:
+        cells: of the target, at least ``REACH`` ℓ in size.
+        target: in cell order.
+        source: in any order.
+        T: where to start.
+        lengthscale: ℓ along the surface.
+        across: ℓ_n across it.
+        steps: at most this many.
+        tolerance: a step with ‖δ‖ below this ends the descent.
+
+    Returns:
+        the pose (4, 4), S there, and whether the last step was below the tolerance.
+    """
+    cut = REACH * lengthscale
+    T = T.copy()
+    here = surface_moments(cells, target, source, T, lengthscale, across, cut)
+    for _ in range(steps):
+        if here.value <= 1e-12:
+            return T, here.value, False
+        delta = newton_step(here.stiffness, here.gradient)
+        size = math.sqrt((delta * delta).sum())
+        if size <= tolerance:
+            return T, here.value, True
+        improved = False
+        for _ in range(_HALVINGS):
+            T_try = retracted(T, delta)
+            there = surface_moments(cells, target, source, T_try, lengthscale, across, cut)
+            if there.value > here.value:
+                improved = True
+                break
+            delta = 0.5 * delta
+        if not improved:
+            return T, here.value, True
+        T, here = T_try, there
+    return T, here.value, False
+
+
+@compiled
+def newton_step(stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
+    """δ (6,) that the stiffness (6, 6) gives way by; slightly damped where it is singular."""
+    H = stiffness.copy()
+    shift, turn = H[0, 0] + H[1, 1] + H[2, 2], H[3, 3] + H[4, 4] + H[5, 5]
+    for a in range(3):
+        H[a, a] += _DAMPING * shift + 1e-30
+        H[a + 3, a + 3] += _DAMPING * turn + 1e-30
+    return np.linalg.solve(H, gradient)
+
+
+@compiled
+def retracted(T: FloatArray, delta: FloatArray) -> FloatArray:
+    """Exp(φ) and ρ applied on the left of T (4, 4): R' = Exp(φ) R, t' = Exp(φ) t + V(φ) ρ."""
+    phi = delta[3:]
+    angle2 = (phi * phi).sum()
+    angle = math.sqrt(angle2)
+    if angle < 1e-6:
+        a, b, c = 1.0 - angle2 / 6.0, 0.5 - angle2 / 24.0, 1.0 / 6.0 - angle2 / 120.0
+    else:
+        a, b = math.sin(angle) / angle, (1.0 - math.cos(angle)) / angle2
+        c = (1.0 - a) / angle2
+    K = np.array([[0.0, -phi[2], phi[1]], [phi[2], 0.0, -phi[0]], [-phi[1], phi[0], 0.0]])
+    K2 = K @ K
+    E = np.eye(3) + a * K + b * K2
+    V = np.eye(3) + b * K + c * K2
+    out = np.zeros((4, 4))
+    out[:3, :3] = E @ np.ascontiguousarray(T[:3, :3])
+    out[:3, 3] = E @ np.ascontiguousarray(T[:3, 3]) + V @ np.ascontiguousarray(delta[:3])
+    out[3, 3] = 1.0
+    return out

@@ -1,0 +1,95 @@
+"""What a cloud looks like near each point: how dense it is, and which way it faces."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray, cells_of, runs_around
+
+# A Poisson sample of density λ has its sixth neighbour at √(6/πλ) on average.
+_NEIGHBOUR = 6
+# Normals are fitted to a Gaussian ball of this many spacings.
+_BALL = 1.3
+_REACH = 2.0  # of the ball, in its standard deviations
+_FEWEST = 4
+
+
+@dataclass(frozen=True, slots=True)
+class Patches:
+    """A cloud with the frame of its surface at each point.
+
+    Attributes:
+        points: (N, 3).
+        normals: (N, 3) unit normals without orientation; zero where too few points are near.
+        spacing: edge of the square that one point stands for, the median over the cloud.
+    """
+
+    points: FloatArray
+    normals: FloatArray
+    spacing: float
+
+    @classmethod
+    def of(cls, points: FloatArray, spacing: float | None = None) -> Patches:
+        """Fit a plane around every point.
+
+        Args:
+            points: (N, 3).
+            spacing: if it is known already.
+        """
+        spacing = surface_spacing(points) if spacing is None else spacing
+        reach = _REACH * _BALL * spacing
+        cells = cells_of(points, reach)
+        normals = np.empty_like(points)
+        normals[cells.order] = _normals(cells, reach, _BALL * spacing)
+        return cls(points, normals, spacing)
+
+
+def surface_spacing(points: FloatArray) -> float:
+    """√(area a point), from the distance to the sixth neighbour; robust to clumps, unlike the first.
+
+    Args:
+        points: (N, 3), at least 2.
+    """
+    k = min(_NEIGHBOUR, len(points) - 1)
+    distance, _ = KDTree(points).query(points, k=k + 1)
+    return float(np.median(distance[:, -1]) * math.sqrt(math.pi / k))
+
+
+@compiled
+def _normals(cells: Cells, reach: float, sigma: float) -> FloatArray:
+    """(N, 3) in cell order: the least principal axis of a Gaussian ball."""
+    x = cells.points
+    out = np.zeros_like(x)
+    runs = np.empty((9, 2), np.int64)
+    C = np.empty((3, 3))
+    for i in range(len(x)):
+        w_sum = s0 = s1 = s2 = c00 = c01 = c02 = c11 = c12 = c22 = 0.0
+        near = 0
+        for run in range(runs_around(cells, x[i, 0], x[i, 1], x[i, 2], runs)):
+            for p in range(runs[run, 0], runs[run, 1]):
+                d0, d1, d2 = x[p, 0] - x[i, 0], x[p, 1] - x[i, 1], x[p, 2] - x[i, 2]
+                distance2 = d0 * d0 + d1 * d1 + d2 * d2
+                if distance2 > reach * reach:
+                    continue
+                w = math.exp(-0.5 * distance2 / (sigma * sigma))
+                near += 1
+                w_sum += w
+                s0, s1, s2 = s0 + w * d0, s1 + w * d1, s2 + w * d2
+                c00, c01, c02 = c00 + w * d0 * d0, c01 + w * d0 * d1, c02 + w * d0 * d2
+                c11, c12, c22 = c11 + w * d1 * d1, c12 + w * d1 * d2, c22 + w * d2 * d2
+        if near < _FEWEST:
+            continue
+        s0, s1, s2 = s0 / w_sum, s1 / w_sum, s2 / w_sum
+        C[0, 0], C[1, 1], C[2, 2] = c00 / w_sum - s0 * s0, c11 / w_sum - s1 * s1, c22 / w_sum - s2 * s2
+        C[0, 1] = C[1, 0] = c01 / w_sum - s0 * s1
+        C[0, 2] = C[2, 0] = c02 / w_sum - s0 * s2
+        C[1, 2] = C[2, 1] = c12 / w_sum - s1 * s2
+        _, axes = np.linalg.eigh(C)
+        out[i] = axes[:, 0]
+    return out

@@ -1,0 +1,169 @@
+"""What speaks for a pose: how the nearest points of the two clouds meet there."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.cloud import SurfaceCloud
+from model.surface.moments import SurfaceArrays
+
+# Neighbours are sought this far, in spacings.
+REACH = 2.0
+_NEAR, _CLOSE = 1.0, 0.5
+# A point lies on the other surface when its neighbour is near, faces alike, and is not above it.
+_FACING, _ABOVE = 0.8, 0.3
+_PER_SIDE = 6
+
+NAMES = (
+    "overlap_least",
+    "overlap_mean",
+    "surface_least",
+    "surface_mean",
+    "facing",
+    "height",
+    "likeness",
+    "tightness",
+    "support_share",
+    "support_rank",
+    "log_support",
+    "log_points",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """Of K poses, one row each.
+
+    Attributes:
+        values: (K, E), in the order of ``NAMES``; none has a unit.
+    """
+
+    values: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        target: SurfaceCloud,
+        source: SurfaceCloud,
+        T: FloatArray,
+        support: FloatArray,
+        matches: int,
+    ) -> Evidence:
+        """Look at the neighbours of every point, from both sides.
+
+        Args:
+            target: N points.
+            source: M points.
+            T: (K, 4, 4) T_target_source.
+            support: (K,) matches that agree with each.
+            matches: how many there are.
+        """
+        spacing = max(target.spacing, source.spacing)
+        fixed, moving = target.at(REACH * spacing), source.at(REACH * spacing)
+        rows = np.empty((len(T), len(NAMES)))
+        for k in range(len(T)):
+            a = _one_side(fixed.cells, fixed.arrays, moving.arrays, T[k], spacing)
+            b = _one_side(moving.cells, moving.arrays, fixed.arrays, _inverse(T[k]), spacing)
+            both = 0.5 * (a + b)
+            rows[k] = (
+                min(a[0], b[0]),
+                both[0],
+                min(a[1], b[1]),
+                both[1],
+                both[2],
+                both[3],
+                both[4],
+                both[5],
+                support[k] / max(matches, 1),
+                support[k] / max(float(support.max()), 1e-9),
+                math.log1p(support[k]),
+                math.log(min(len(fixed.arrays.points), len(moving.arrays.points))),
+            )
+        return cls(rows)
+
+
+def _inverse(T: FloatArray) -> FloatArray:
+    out = np.eye(4)
+    out[:3, :3] = T[:3, :3].T
+    out[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+    return out
+
+
+@compiled
+def _one_side(
+    cells: Cells, fixed: SurfaceArrays, moving: SurfaceArrays, T: FloatArray, spacing: float
+) -> FloatArray:
+    """Shares and means over the moving points' nearest fixed points, (6,).
+
+    In order: share near; share on the surface; mean |n·m|, height and likeness of features, over
+    those near; share close among those near.
+    """
+    reach2 = (REACH * spacing) ** 2
+    width = fixed.features.shape[1]
+    channels = width // 3
+    runs = np.empty((9, 2), np.int64)
+    near = on = close = 0
+    facing = height = likeness = 0.0
+    for j in range(len(moving.points)):
+        z0, z1, z2 = moving.points[j, 0], moving.points[j, 1], moving.points[j, 2]
+        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
+        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
+        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
+        nearest, at = reach2, -1
+        for run in range(runs_around(cells, y0, y1, y2, runs)):
+            for p in range(runs[run, 0], runs[run, 1]):
+                d0 = fixed.points[p, 0] - y0
+                d1 = fixed.points[p, 1] - y1
+                d2 = fixed.points[p, 2] - y2
+                distance2 = d0 * d0 + d1 * d1 + d2 * d2
+                if distance2 < nearest:
+                    nearest, at = distance2, p
+        if at < 0 or nearest > (_NEAR * spacing) ** 2:
+            continue
+        near += 1
+        if nearest < (_CLOSE * spacing) ** 2:
+            close += 1
+        n0, n1, n2 = moving.normals[j, 0], moving.normals[j, 1], moving.normals[j, 2]
+        m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
+        m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
+        m2 = T[2, 0] * n0 + T[2, 1] * n1 + T[2, 2] * n2
+        x0, x1, x2 = fixed.normals[at, 0], fixed.normals[at, 1], fixed.normals[at, 2]
+        d0, d1, d2 = fixed.points[at, 0] - y0, fixed.points[at, 1] - y1, fixed.points[at, 2] - y2
+        dot = abs(x0 * m0 + x1 * m1 + x2 * m2)
+        above = 0.5 * (
+            abs(x0 * d0 + x1 * d1 + x2 * d2) + abs(m0 * d0 + m1 * d1 + m2 * d2)
+        ) / spacing
+        facing += dot
+        height += above
+        if dot > _FACING and above < _ABOVE:
+            on += 1
+        if width:
+            product = own = other = 0.0
+            for c in range(channels):
+                g0 = moving.features[j, c]
+                g1 = moving.features[j, channels + c]
+                g2 = moving.features[j, 2 * channels + c]
+                f0 = fixed.features[at, c]
+                f1 = fixed.features[at, channels + c]
+                f2 = fixed.features[at, 2 * channels + c]
+                product += f0 * (T[0, 0] * g0 + T[0, 1] * g1 + T[0, 2] * g2)
+                product += f1 * (T[1, 0] * g0 + T[1, 1] * g1 + T[1, 2] * g2)
+                product += f2 * (T[2, 0] * g0 + T[2, 1] * g1 + T[2, 2] * g2)
+                own += g0 * g0 + g1 * g1 + g2 * g2
+                other += f0 * f0 + f1 * f1 + f2 * f2
+            likeness += product / math.sqrt(own * other + 1e-12)
+    out = np.zeros(_PER_SIDE)
+    if near > 0:
+        total = len(moving.points)
+        out[0] = near / total
+        out[1] = on / total
+        out[2] = facing / near
+        out[3] = height / near
+        out[4] = likeness / near
+        out[5] = close / near
+    return out
