@@ -9,6 +9,8 @@ from lightning import Callback, LightningModule, Trainer
 
 from model.exceptions import InvalidOptionError
 
+LAST = "last.ckpt"
+
 
 class LastCheckpoint(Callback):
     """Writes ``last.ckpt`` beside the best checkpoint, every so often and at the end.
@@ -52,4 +54,9 @@ class LastCheckpoint(Callback):
         callback = trainer.checkpoint_callback
         directory = getattr(callback, "dirpath", None)
         if directory is not None and not trainer.fast_dev_run:
-            trainer.save_checkpoint(Path(directory) / "last.ckpt")
+            trainer.save_checkpoint(Path(directory) / LAST)
+
+
+def latest_checkpoint(root: Path) -> Path | None:
+    """The ``last.ckpt`` of the run below a folder that wrote one most recently; None without."""
+    return max(root.rglob(LAST), key=lambda path: path.stat().st_mtime, default=None)

@@ -15,10 +15,12 @@ from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
 from training.alarms import warn_of_collapse
+from training.answers import PairAnswer
 from training.bilevel import BilevelSolver, InnerSolution
 from training.curriculum import Curriculum, Stage
 from training.data.pairs import PairBatch
-from training.frame import in_joint_frame
+from training.data.seeding import Stream, torch_generator
+from training.frame import in_joint_frame, out_of_joint_frame
 from training.loss import Alignment, OuterLoss
 from training.metrics import RegistrationMetrics
 
@@ -82,13 +84,24 @@ class EquivAlign(LightningModule):
         features: Tensor = self.encoder(x, mask)
         return features
 
+    def encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
+        """Target and source of a batch in the joint frame as functions in the RKHS."""
+        return (
+            CloudFunction.of(
+                batch.target, self(batch.target, batch.target_mask), batch.target_mask
+            ),
+            CloudFunction.of(
+                batch.source, self(batch.source, batch.source_mask), batch.source_mask
+            ),
+        )
+
     def training_step(self, batch: PairBatch, batch_idx: int) -> Tensor | None:
         """One outer step; ``inner_steps`` of them when the inner loop is a detached step."""
         batch = in_joint_frame(batch)
         if not self.automatic_optimization:
             self._detached_steps(batch)
             return None
-        target, source = self._encode(batch)
+        target, source = self.encode(batch)
         solution = self._solve(target, source, batch)
         loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
         self._log_training(loss, terms, solution)
@@ -107,7 +120,7 @@ class EquivAlign(LightningModule):
         optimizer = self.optimizers(use_pl_optimizer=True)
         T = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
         for _ in range(self.inner_steps):
-            target, source = self._encode(batch)
+            target, source = self.encode(batch)
             solution = self.bilevel.step(self.kernel, target, source, T, self.curriculum.stage)
             T = solution.T_target_source
             loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
@@ -120,26 +133,29 @@ class EquivAlign(LightningModule):
 
     def validation_step(self, batch: PairBatch, batch_idx: int) -> None:
         """Register from the stage's initial error, one start, no search."""
-        self._measure(batch, batch_idx)
+        self._measure(batch)
 
     def test_step(self, batch: PairBatch, batch_idx: int) -> None:
         """The same on the test pairs."""
-        self._measure(batch, batch_idx)
+        self._measure(batch)
 
-    def predict_step(self, batch: PairBatch, batch_idx: int) -> Tensor:
-        """Poses (B, 4, 4) in the joint frame, from no motion."""
-        batch = in_joint_frame(batch)
-        target, source = self._encode(batch)
+    def predict_step(self, batch: PairBatch, batch_idx: int) -> list[PairAnswer]:
+        """Register from no motion; each answer is in the pair's own unit and frame."""
+        framed = in_joint_frame(batch)
+        target, source = self.encode(framed)
         start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
-        return self.bilevel.solve(
-            self.kernel, target, source, start, self.curriculum.stage
-        ).T_target_source
+        solution = self.bilevel.solve(self.kernel, target, source, start, self.curriculum.stage)
+        T = out_of_joint_frame(solution.T_target_source, batch)
+        return [
+            PairAnswer(name, pose.tolist(), float(similarity))
+            for name, pose, similarity in zip(batch.names, T, solution.similarity, strict=True)
+        ]
 
-    def _measure(self, batch: PairBatch, batch_idx: int) -> None:
+    def _measure(self, batch: PairBatch) -> None:
         batch = in_joint_frame(batch)
-        target, source = self._encode(batch)
+        target, source = self.encode(batch)
         stage = self.curriculum.stage
-        start = self._start_poses(batch, stage.max_angle, batch_idx)
+        start = self._start_poses(batch, stage.max_angle)
         solution = self.bilevel.solve(self.kernel, target, source, start, stage)
         T = solution.T_target_source
         moved = source.transformed(T[:, :3, :3], T[:, :3, 3])
@@ -148,12 +164,19 @@ class EquivAlign(LightningModule):
             T, batch.T_target_source, solution.similarity, solution.lengthscale, target, values
         )
 
-    def _start_poses(self, batch: PairBatch, angle: float, batch_idx: int) -> Tensor:
-        """The true poses, turned about the source's centroid by the stage's whole angle."""
-        B = len(batch.target)
-        generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_idx)
-        axis = torch.randn(B, 3, generator=generator).to(self.device)
-        R = axis_angle_rotation(axis, torch.full((B,), math.radians(angle), device=self.device))
+    def _start_poses(self, batch: PairBatch, angle: float) -> Tensor:
+        """The true poses, turned about the source's centroid by the stage's whole angle.
+
+        A pair's axis follows from its number, so it is the same in every batch and process.
+        """
+        axis = torch.stack(
+            [
+                torch.randn(3, generator=torch_generator(self.seed, Stream.MOTION, number))
+                for number in batch.number.tolist()
+            ]
+        ).to(self.device)
+        turn = torch.full((len(axis),), math.radians(angle), device=self.device)
+        R = axis_angle_rotation(axis, turn)
         # Both clouds are centred, so the source's centroid moves to the true translation.
         centre = batch.T_target_source[:, :3, 3]
         return pose_matrix(R, centre - (R @ centre[..., None])[..., 0]) @ batch.T_target_source
@@ -228,16 +251,6 @@ class EquivAlign(LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on at the place in the curriculum."""
         self.curriculum.load_state_dict(checkpoint["curriculum"])
-
-    def _encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
-        return (
-            CloudFunction.of(
-                batch.target, self(batch.target, batch.target_mask), batch.target_mask
-            ),
-            CloudFunction.of(
-                batch.source, self(batch.source, batch.source_mask), batch.source_mask
-            ),
-        )
 
     def _alignment(
         self,

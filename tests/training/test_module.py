@@ -58,7 +58,7 @@ def module(loss: dict[str, float], bilevel: BilevelSolver | None = None) -> Equi
 
 def gradient(model: EquivAlign, batch: PairBatch) -> torch.Tensor:
     batch = in_joint_frame(batch)
-    target, source = model._encode(batch)
+    target, source = model.encode(batch)
     solution = model._solve(target, source, batch)
     loss, _ = model.outer_loss(model._alignment(batch, target, source, solution))
     model.zero_grad()
@@ -138,7 +138,7 @@ def test_the_envelope_gradient_is_exact_at_an_optimum(batch):
 def test_start_poses_are_wrong_by_the_stages_angle(batch):
     framed = in_joint_frame(batch)
     model = module({"rkhs_distance": 1.0})
-    start = model._start_poses(framed, 20.0, 0)
+    start = model._start_poses(framed, 20.0)
     angle = rotation_angle(start[:, :3, :3], framed.T_target_source[:, :3, :3])
     torch.testing.assert_close(angle, torch.full((3,), math.radians(20.0)), atol=1e-4, rtol=0)
 
