@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from lightning import LightningModule, Trainer
 from lightning.pytorch.callbacks import BasePredictionWriter
@@ -15,8 +14,7 @@ from rich.console import Console
 from model.cloud_file import complete_file
 
 
-@dataclass(frozen=True, slots=True)
-class PairAnswer:
+class PairAnswer(NamedTuple):
     """One pair's answer.
 
     Attributes:
@@ -47,7 +45,7 @@ class PoseWriter(BasePredictionWriter):
         folder = Path(trainer.log_dir or trainer.default_root_dir)
         folder.mkdir(parents=True, exist_ok=True)
         place = folder / f"poses-{trainer.global_rank}.jsonl"
-        lines = [json.dumps(asdict(answer)) for batch in predictions for answer in batch]
+        lines = [json.dumps(answer._asdict()) for batch in predictions for answer in batch]
         with complete_file(place, "predictions") as unfinished:
             unfinished.write_text("".join(line + "\n" for line in lines))
         Console(stderr=True).print(f"{len(lines)} poses in {place}", markup=False, soft_wrap=True)

@@ -10,7 +10,7 @@ from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 
-from model.cloud_function import CloudFunction
+from model.cloud_function import CloudFunction, pair_mask
 from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
@@ -161,7 +161,13 @@ class EquivAlign(LightningModule):
         moved = source.transformed(T[:, :3, :3], T[:, :3, 3])
         values = self.kernel.terms(target, moved, solution.lengthscale).value
         self.metrics.update(
-            T, batch.T_target_source, solution.similarity, solution.lengthscale, target, values
+            T,
+            batch.T_target_source,
+            solution.similarity,
+            solution.lengthscale,
+            target,
+            values,
+            pair_mask(target, source),
         )
 
     def _start_poses(self, batch: PairBatch, angle: float) -> Tensor:

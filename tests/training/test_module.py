@@ -2,11 +2,10 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 import torch
-import yaml
+from small_run import CONFIGS, QUIET, small
 
 from model import Registrar
 from model.exceptions import ArtifactFormatError, ArtifactNotFoundError, InvalidOptionError
@@ -22,16 +21,7 @@ from training.frame import in_joint_frame
 from training.loss import LOSSES, OuterLoss
 from training.module import EquivAlign
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = {"channels": 8, "channels_out": 4, "invariants": 8, "radii": [0.15, 0.3], "layers": 1}
-
-# What Lightning and its parser say of themselves isn't ours to mend.
-QUIET = pytest.mark.filterwarnings(
-    "ignore:.*:DeprecationWarning:jsonargparse",
-    "ignore:.*:DeprecationWarning:lightning",
-    "ignore:.*:FutureWarning:lightning",
-    "ignore:.*:UserWarning:lightning",
-)
 
 
 @pytest.fixture
@@ -152,28 +142,9 @@ def test_unknown_losses_are_refused():
         OuterLoss({"rkhs_distance": 1.0}, {"rkhs_distance": {"power": 2}})
 
 
-def tiny(config: Path, root: Path) -> list[str]:
-    """Two batches of few points, whatever the configuration."""
-    arguments = ["-c", str(config), "--trainer.default_root_dir", str(root)]
-    arguments += ["--trainer.fast_dev_run", "2", "--data.workers", "0"]
-    perturbation = yaml.safe_load(config.read_text())["data"]["init_args"].get("perturbation")
-    if perturbation is not None:
-        for cloud in ("target_points", "source_points"):
-            arguments += [f"--data.perturbation.{cloud}", "[80, 100]"]
-    return arguments
-
-
-@QUIET
-@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_configuration_runs(config, tmp_path):
-    assert fit(tiny(config, tmp_path)) == 0
-
-
 @QUIET
 def test_fit_validate_export_and_serve_the_same_features(tmp_path, batch, capsys):
-    arguments = tiny(CONFIGS / "quickstart.yaml", tmp_path)
-    for flag in ("--trainer.fast_dev_run", "2"):
-        arguments.remove(flag)
+    arguments = [*small(CONFIGS / "quickstart.yaml"), "--trainer.default_root_dir", str(tmp_path)]
     arguments += ["--trainer.max_steps", "2", "--data.pairs_per_epoch", "8"]
     arguments += ["--data.evaluation_pairs", "4", "--data.batch_size", "4"]
     assert fit(arguments) == 0
