@@ -51,16 +51,17 @@ OBJECTIVES = {
         Objective("released sign", {"rkhs_distance_released_sign": 1.0}, "detached_step"),
         Objective("1 − ρ", {"rkhs_cosine": 1.0}),
         Objective("ρ, self-terms detached", {"rkhs_cosine_detached": 1.0}),
-        Objective("argmin d, small rate", {"rkhs_distance": 1.0}, learning_rate=_SMALL_RATE),
         Objective("pose contrast at ĥ", {"pose_contrast_solved": 1.0}),
-        Objective("feature contrast at ĥ", {"feature_contrast_solved": 1.0}),
         Objective(
             "feature and pose contrast at ĥ",
             {"feature_contrast_solved": 1.0, "pose_contrast_solved": 1.0},
             gated=True,
         ),
         Objective(
-            "the same, at the self-made pose", {"feature_contrast": 1.0, "pose_contrast": 1.0}
+            "feature and pose contrast at the self-made pose",
+            {"feature_contrast": 1.0, "pose_contrast": 1.0},
         ),
+        Objective("argmin d, small rate", {"rkhs_distance": 1.0}, learning_rate=_SMALL_RATE),
+        Objective("feature contrast at ĥ", {"feature_contrast_solved": 1.0}),
     )
 }

@@ -56,9 +56,9 @@ class StudySettings:
 
     shapes: str
     points: int = 128
-    steps: int = 300
+    steps: int = 200
     batch_size: int = 8
-    test_pairs: int = 192
+    test_pairs: int = 160
     symmetric_above: float = 0.98
     learning_rate: float = 8e-3
     kernel: str = "exponential"

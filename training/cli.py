@@ -58,9 +58,9 @@ class TrainingCLI(LightningCLI):
 
     def before_instantiate_classes(self) -> None:
         """Let ``--ckpt_path last`` mean the latest run: each run has a folder of its own."""
-        given = self.config[self.subcommand]
-        if given.get("ckpt_path") != "last":
+        if self.subcommand is None or self.config[self.subcommand].get("ckpt_path") != "last":
             return
+        given = self.config[self.subcommand]
         root = Path(given.trainer.default_root_dir or ".")
         latest = latest_checkpoint(root)
         if latest is not None:
@@ -75,7 +75,8 @@ class TrainingCLI(LightningCLI):
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
         """Log to TensorBoard and to a CSV file where the configuration names no logger."""
-        given = self.config_init[self.subcommand].trainer
+        config = self.config_init
+        given = (config if self.subcommand is None else config[self.subcommand]).trainer
         if given.logger in (None, True):
             root = given.default_root_dir or "."
             board = TensorBoardLogger(root)
@@ -90,6 +91,21 @@ def run(subcommand: str, argv: list[str]) -> int:
         subcommand: ``fit``, ``validate``, ``test`` or ``predict``.
         argv: what follows it on the command line.
     """
+    _parsed([subcommand, *argv], run=True)
+    return 0
+
+
+def build(argv: list[str]) -> tuple[EquivAlign, PairDataModule]:
+    """The module and the data of a configuration, without running anything.
+
+    Args:
+        argv: as for ``fit``: ``-c FILE`` and single options.
+    """
+    cli = _parsed(argv, run=False)
+    return cli.model, cli.datamodule
+
+
+def _parsed(argv: list[str], run: bool) -> TrainingCLI:
     # LightningCLI expects to be the program itself; here it is one command of it.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     # Lightning's own calls; nothing a user could mend.
@@ -97,16 +113,16 @@ def run(subcommand: str, argv: list[str]) -> int:
     # Its advertisements, and a note on every checkpoint that it writes.
     for place in ("utilities.rank_zero", "trainer.connectors.checkpoint_connector"):
         logging.getLogger(f"lightning.pytorch.{place}").addFilter(_is_news)
-    TrainingCLI(
+    return TrainingCLI(
         EquivAlign,
         PairDataModule,
         subclass_mode_data=True,
         seed_everything_default=0,
         trainer_defaults=_TRAINER,
         save_config_kwargs={"overwrite": True},
-        args=[subcommand, *argv],
+        args=argv,
+        run=run,
     )
-    return 0
 
 
 def _is_news(record: logging.LogRecord) -> bool:

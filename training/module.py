@@ -102,12 +102,12 @@ class EquivAlign(LightningModule):
             self._detached_steps(batch)
             return None
         target, source = self.encode(batch)
-        solution = self._solve(target, source, batch)
-        loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
+        solution = self.solve(target, source, batch)
+        loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
         self._log_training(loss, terms, solution)
         return loss
 
-    def _solve(
+    def solve(
         self, target: CloudFunction, source: CloudFunction, batch: PairBatch
     ) -> InnerSolution | None:
         """From no motion: the initial error is what the curriculum put between the clouds."""
@@ -116,6 +116,31 @@ class EquivAlign(LightningModule):
         start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
         return self.bilevel.solve(self.kernel, target, source, start, self.curriculum.stage)
 
+    def alignment(
+        self,
+        batch: PairBatch,
+        target: CloudFunction,
+        source: CloudFunction,
+        solution: InnerSolution | None,
+    ) -> Alignment:
+        """What the outer losses see; without a solution ĥ is no motion and counts fully."""
+        B = len(batch.target)
+        eye = torch.eye(4, device=self.device).expand(B, 4, 4)
+        ones = torch.ones(B, device=self.device)
+        # The same step draws the same numbers, whether it comes after a resume or not.
+        seed = (self.seed * 1_000_003 + self.global_step) * 64 + self.global_rank
+        return Alignment(
+            kernel=self.kernel,
+            target=target,
+            source=source,
+            T_solved=eye if solution is None else solution.T_target_source,
+            lengthscale=ones if solution is None else solution.lengthscale,
+            confidence=ones if solution is None else self._confidence(solution),
+            T_made=batch.T_target_source,
+            is_synthetic=batch.is_synthetic,
+            generator=torch.Generator().manual_seed(seed),
+        )
+
     def _detached_steps(self, batch: PairBatch) -> None:
         optimizer = self.optimizers(use_pl_optimizer=True)
         T = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
@@ -123,7 +148,7 @@ class EquivAlign(LightningModule):
             target, source = self.encode(batch)
             solution = self.bilevel.step(self.kernel, target, source, T, self.curriculum.stage)
             T = solution.T_target_source
-            loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
+            loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
             optimizer.zero_grad()  # type: ignore[union-attr]
             self.manual_backward(loss)
             self.clip_gradients(optimizer, _DETACHED_CLIP, "norm")  # type: ignore[arg-type]
@@ -257,30 +282,6 @@ class EquivAlign(LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Go on at the place in the curriculum."""
         self.curriculum.load_state_dict(checkpoint["curriculum"])
-
-    def _alignment(
-        self,
-        batch: PairBatch,
-        target: CloudFunction,
-        source: CloudFunction,
-        solution: InnerSolution | None,
-    ) -> Alignment:
-        B = len(batch.target)
-        eye = torch.eye(4, device=self.device).expand(B, 4, 4)
-        ones = torch.ones(B, device=self.device)
-        # The same step draws the same numbers, whether it comes after a resume or not.
-        seed = (self.seed * 1_000_003 + self.global_step) * 64 + self.global_rank
-        return Alignment(
-            kernel=self.kernel,
-            target=target,
-            source=source,
-            T_solved=eye if solution is None else solution.T_target_source,
-            lengthscale=ones if solution is None else solution.lengthscale,
-            confidence=ones if solution is None else self._confidence(solution),
-            T_made=batch.T_target_source,
-            is_synthetic=batch.is_synthetic,
-            generator=torch.Generator().manual_seed(seed),
-        )
 
     def _confidence(self, solution: InnerSolution) -> Tensor:
         if not self.gate_confidence:

@@ -49,8 +49,8 @@ def module(loss: dict[str, float], bilevel: BilevelSolver | None = None) -> Equi
 def gradient(model: EquivAlign, batch: PairBatch) -> torch.Tensor:
     batch = in_joint_frame(batch)
     target, source = model.encode(batch)
-    solution = model._solve(target, source, batch)
-    loss, _ = model.outer_loss(model._alignment(batch, target, source, solution))
+    solution = model.solve(target, source, batch)
+    loss, _ = model.outer_loss(model.alignment(batch, target, source, solution))
     model.zero_grad()
     loss.backward()
     return torch.cat([p.grad.flatten() for p in model.encoder.parameters() if p.grad is not None])
