@@ -43,7 +43,8 @@ class EquivAlign(LightningModule):
         curriculum: stages in order.
         weight_decay: of AdamW.
         cosine: let the learning rate fall to zero along a half cosine by ``trainer.max_steps``.
-        gate_confidence: weigh each pair of ĥ-only losses by the solver's own ρ.
+        gate_confidence: weigh made pairs, too, by the solver's own ρ in losses that use only ĥ;
+            real pairs always are.
         inner_steps: outer steps on each batch, when ``backward`` is ``detached_step``.
         seed: of the losses' random draws.
     """
@@ -135,7 +136,7 @@ class EquivAlign(LightningModule):
             source=source,
             T_solved=eye if solution is None else solution.T_target_source,
             lengthscale=ones if solution is None else solution.lengthscale,
-            confidence=ones if solution is None else self._confidence(solution),
+            confidence=ones if solution is None else self._confidence(solution, batch),
             T_made=batch.T_target_source,
             is_synthetic=batch.is_synthetic,
             generator=torch.Generator().manual_seed(seed),
@@ -283,10 +284,12 @@ class EquivAlign(LightningModule):
         """Go on at the place in the curriculum."""
         self.curriculum.load_state_dict(checkpoint["curriculum"])
 
-    def _confidence(self, solution: InnerSolution) -> Tensor:
-        if not self.gate_confidence:
-            return torch.ones_like(solution.similarity)
-        return torch.sigmoid((solution.similarity - _GATE_CENTRE) / _GATE_WIDTH)
+    def _confidence(self, solution: InnerSolution, batch: PairBatch) -> Tensor:
+        """(B,) from 0 to 1: how far ĥ may be believed, by the solver's own ρ."""
+        gate = torch.sigmoid((solution.similarity - _GATE_CENTRE) / _GATE_WIDTH)
+        if self.gate_confidence:
+            return gate
+        return torch.where(batch.is_synthetic, torch.ones_like(gate), gate)
 
     def _log_training(
         self, loss: Tensor, terms: dict[str, Tensor], solution: InnerSolution | None

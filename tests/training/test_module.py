@@ -10,7 +10,7 @@ from small_run import CONFIGS, QUIET, small
 from model import Registrar
 from model.exceptions import ArtifactFormatError, ArtifactNotFoundError, InvalidOptionError
 from model.se3 import rotation_angle
-from training.bilevel import BilevelSolver
+from training.bilevel import BilevelSolver, InnerSolution
 from training.cli import fit, validate
 from training.curriculum import Stage
 from training.data.motion import Motion
@@ -104,6 +104,24 @@ def test_every_loss_says_which_pose_it_uses_and_has_a_finite_gradient(loss, batc
     else:
         assert used == "solved pose only"
         assert on_real.abs().sum() > 0.0
+
+
+def test_real_pairs_count_by_the_solvers_confidence_and_made_ones_when_asked(batch):
+    model = module({"rkhs_distance": 1.0})
+    solution = InnerSolution(
+        torch.eye(4).repeat(3, 1, 1), torch.ones(3), torch.tensor([0.1, 0.5, 0.9])
+    )
+
+    def confidence(real: bool) -> torch.Tensor:
+        pairs = batch._replace(is_synthetic=torch.full((3,), not real))
+        return model.alignment(pairs, *model.encode(pairs), solution).confidence
+
+    gated = confidence(real=True)
+    assert gated[0] < 0.05
+    assert gated[2] > 0.95
+    assert torch.equal(confidence(real=False), torch.ones(3))
+    model.gate_confidence = True
+    assert torch.equal(confidence(real=False), gated)
 
 
 def test_unrolling_differs_from_the_envelope_before_the_optimum(batch):
