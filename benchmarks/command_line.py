@@ -12,6 +12,12 @@ _BENCHMARKS = {
     "objects": ("benchmarks.objects", "objects_command", "shapes, turned and spoilt by a protocol"),
     "rgbd": ("benchmarks.rgbd", "rgbd_command", "real depth frames of a sequence"),
     "speed": ("benchmarks.speed", "speed_command", "time, stages, growth and memory"),
+    "objectives": (
+        "benchmarks.objectives",
+        "objectives_command",
+        "which bi-level objective learns",
+    ),
+    "training": ("benchmarks.training_step", "training_command", "pairs a second of a training"),
     "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 

@@ -41,13 +41,17 @@ class BilevelSolver:
             ``unrolled`` differentiates through the last gradient steps; ``detached_step`` makes
             one gradient step between two outer steps, as the released code does.
         unrolled_steps: how many steps the gradient goes through.
-        iterations: of the inner loop; the released code takes up to 800.
+        iterations: of the inner loop, at ℓ's end; the released code takes up to 800.
+        anneal: ℓ's factor from one level to the next, of the ``procrustes`` loop.
+        steps_per_level: at most this many steps at each ℓ but the last, of the same.
     """
 
     inner_loop: str = "procrustes"
     backward: Backward = "envelope"
     unrolled_steps: int = 3
     iterations: int = 40
+    anneal: float = 0.7
+    steps_per_level: int = 4
 
     def solve(
         self,
@@ -90,6 +94,8 @@ class BilevelSolver:
             self.inner_loop,
             lengthscale=stage.lengthscale,
             lengthscale_end=low,
+            anneal=self.anneal,
+            steps_per_level=self.steps_per_level,
             final_steps=self.iterations,
             record=False,
         )

@@ -6,17 +6,23 @@ import logging
 import sys
 import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+from lightning import Trainer
 from lightning.pytorch.callbacks import (
+    EarlyStopping,
     LearningRateMonitor,
     ModelCheckpoint,
     ModelSummary,
     RichProgressBar,
 )
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
+from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from training.checkpoint import LastCheckpoint
+from model.exceptions import InvalidOptionError
+from training.answers import PoseWriter
+from training.checkpoint import LastCheckpoint, latest_checkpoint
 from training.data.module import PairDataModule
 from training.module import EquivAlign
 
@@ -38,6 +44,44 @@ class TrainingCLI(LightningCLI):
         parser.add_lightning_class_args(LastCheckpoint, "last_checkpoint")
         parser.add_lightning_class_args(LearningRateMonitor, "learning_rate_monitor")
         parser.set_defaults({"learning_rate_monitor.logging_interval": "step"})
+        parser.add_lightning_class_args(EarlyStopping, "early_stopping")
+        parser.set_defaults(
+            {
+                "early_stopping.monitor": "val/score",
+                "early_stopping.mode": "max",
+                # A stage's own patience moves the curriculum on long before.
+                "early_stopping.patience": 20,
+                # Without validation pairs there is nothing to judge by.
+                "early_stopping.strict": False,
+            }
+        )
+
+    def before_instantiate_classes(self) -> None:
+        """Let ``--ckpt_path last`` mean the latest run: each run has a folder of its own."""
+        if self.subcommand is None or self.config[self.subcommand].get("ckpt_path") != "last":
+            return
+        given = self.config[self.subcommand]
+        root = Path(given.trainer.default_root_dir or ".")
+        latest = latest_checkpoint(root)
+        if latest is not None:
+            given.ckpt_path = str(latest)
+        elif self.subcommand != "fit":
+            raise InvalidOptionError(
+                "no last.ckpt of any run",
+                field="ckpt_path",
+                value=f"last, in {root}",
+                mend="give a checkpoint, or the trainer.default_root_dir of the training",
+            )
+
+    def instantiate_trainer(self, **kwargs: Any) -> Trainer:
+        """Log to TensorBoard and to a CSV file where the configuration names no logger."""
+        config = self.config_init
+        given = (config if self.subcommand is None else config[self.subcommand]).trainer
+        if given.logger in (None, True):
+            root = given.default_root_dir or "."
+            board = TensorBoardLogger(root)
+            kwargs["logger"] = [board, CSVLogger(root, name="metrics", version=board.version)]
+        return super().instantiate_trainer(**kwargs)
 
 
 def run(subcommand: str, argv: list[str]) -> int:
@@ -47,24 +91,43 @@ def run(subcommand: str, argv: list[str]) -> int:
         subcommand: ``fit``, ``validate``, ``test`` or ``predict``.
         argv: what follows it on the command line.
     """
+    _parsed([subcommand, *argv], run=True)
+    return 0
+
+
+def build(argv: list[str]) -> tuple[EquivAlign, PairDataModule]:
+    """The module and the data of a configuration, without running anything.
+
+    Args:
+        argv: as for ``fit``: ``-c FILE`` and single options.
+    """
+    cli = _parsed(argv, run=False)
+    return cli.model, cli.datamodule
+
+
+def _parsed(argv: list[str], run: bool) -> TrainingCLI:
     # LightningCLI expects to be the program itself; here it is one command of it.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     # Lightning's own calls; nothing a user could mend.
     warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning")
-    # Its advertisements.
-    logging.getLogger("lightning.pytorch.utilities.rank_zero").addFilter(
-        lambda record: "Tip:" not in record.getMessage()
-    )
-    TrainingCLI(
+    # Its advertisements, and a note on every checkpoint that it writes.
+    for place in ("utilities.rank_zero", "trainer.connectors.checkpoint_connector"):
+        logging.getLogger(f"lightning.pytorch.{place}").addFilter(_is_news)
+    return TrainingCLI(
         EquivAlign,
         PairDataModule,
         subclass_mode_data=True,
         seed_everything_default=0,
         trainer_defaults=_TRAINER,
         save_config_kwargs={"overwrite": True},
-        args=[subcommand, *argv],
+        args=argv,
+        run=run,
     )
-    return 0
+
+
+def _is_news(record: logging.LogRecord) -> bool:
+    message = record.getMessage()
+    return "Tip:" not in message and "`weights_only` was not set" not in message
 
 
 _TRAINER: dict[str, Any] = {
@@ -73,7 +136,7 @@ _TRAINER: dict[str, Any] = {
     "deterministic": True,
     "gradient_clip_val": 1.0,
     "log_every_n_steps": 10,
-    "callbacks": [RichProgressBar(), ModelSummary(max_depth=2)],
+    "callbacks": [RichProgressBar(), ModelSummary(max_depth=2), PoseWriter()],
 }
 
 

@@ -12,6 +12,8 @@ from model.cloud_function import CloudFunction
 from model.se3 import rotation_angle
 
 RECALL_DEG = 5.0
+# Kernel values below this count as none.
+_EMPTY = 0.01
 
 
 class RegistrationMetrics(nn.Module):
@@ -38,6 +40,7 @@ class RegistrationMetrics(nn.Module):
         lengthscale: Tensor,
         cloud: CloudFunction,
         kernel_values: Tensor,
+        pairs: Tensor,
     ) -> None:
         """Take a batch.
 
@@ -48,6 +51,7 @@ class RegistrationMetrics(nn.Module):
             lengthscale: (B,) ℓ̂.
             cloud: whose features are judged.
             kernel_values: (B, N, M) at the answers.
+            pairs: (B, N, M) 1 where both points are real, 0 for padding.
         """
         angle = rotation_angle(T[:, :3, :3], T_true[:, :3, :3]) * (180.0 / math.pi)
         self.means["rotation_deg"].update(angle)
@@ -56,7 +60,8 @@ class RegistrationMetrics(nn.Module):
         self.means["similarity"].update(similarity)
         self.means["lengthscale"].update(lengthscale)
         self.means["effective_rank"].update(effective_rank(cloud))
-        self.means["kernel_sparsity"].update((kernel_values < 0.01).float().mean((-1, -2)))
+        empty = (kernel_values < _EMPTY) * pairs
+        self.means["kernel_sparsity"].update(empty.sum((-1, -2)) / pairs.sum((-1, -2)))
 
     def compute(self) -> dict[str, Tensor]:
         """All means by name."""

@@ -10,15 +10,17 @@ from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 
-from model.cloud_function import CloudFunction
+from model.cloud_function import CloudFunction, pair_mask
 from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
 from training.alarms import warn_of_collapse
+from training.answers import PairAnswer
 from training.bilevel import BilevelSolver, InnerSolution
 from training.curriculum import Curriculum, Stage
 from training.data.pairs import PairBatch
-from training.frame import in_joint_frame
+from training.data.seeding import Stream, torch_generator
+from training.frame import in_joint_frame, out_of_joint_frame
 from training.loss import Alignment, OuterLoss
 from training.metrics import RegistrationMetrics
 
@@ -41,7 +43,8 @@ class EquivAlign(LightningModule):
         curriculum: stages in order.
         weight_decay: of AdamW.
         cosine: let the learning rate fall to zero along a half cosine by ``trainer.max_steps``.
-        gate_confidence: weigh each pair of ĥ-only losses by the solver's own ρ.
+        gate_confidence: weigh made pairs, too, by the solver's own ρ in losses that use only ĥ;
+            real pairs always are.
         inner_steps: outer steps on each batch, when ``backward`` is ``detached_step``.
         seed: of the losses' random draws.
     """
@@ -82,19 +85,30 @@ class EquivAlign(LightningModule):
         features: Tensor = self.encoder(x, mask)
         return features
 
+    def encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
+        """Target and source of a batch in the joint frame as functions in the RKHS."""
+        return (
+            CloudFunction.of(
+                batch.target, self(batch.target, batch.target_mask), batch.target_mask
+            ),
+            CloudFunction.of(
+                batch.source, self(batch.source, batch.source_mask), batch.source_mask
+            ),
+        )
+
     def training_step(self, batch: PairBatch, batch_idx: int) -> Tensor | None:
         """One outer step; ``inner_steps`` of them when the inner loop is a detached step."""
         batch = in_joint_frame(batch)
         if not self.automatic_optimization:
             self._detached_steps(batch)
             return None
-        target, source = self._encode(batch)
-        solution = self._solve(target, source, batch)
-        loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
+        target, source = self.encode(batch)
+        solution = self.solve(target, source, batch)
+        loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
         self._log_training(loss, terms, solution)
         return loss
 
-    def _solve(
+    def solve(
         self, target: CloudFunction, source: CloudFunction, batch: PairBatch
     ) -> InnerSolution | None:
         """From no motion: the initial error is what the curriculum put between the clouds."""
@@ -103,14 +117,39 @@ class EquivAlign(LightningModule):
         start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
         return self.bilevel.solve(self.kernel, target, source, start, self.curriculum.stage)
 
+    def alignment(
+        self,
+        batch: PairBatch,
+        target: CloudFunction,
+        source: CloudFunction,
+        solution: InnerSolution | None,
+    ) -> Alignment:
+        """What the outer losses see; without a solution ĥ is no motion and counts fully."""
+        B = len(batch.target)
+        eye = torch.eye(4, device=self.device).expand(B, 4, 4)
+        ones = torch.ones(B, device=self.device)
+        # The same step draws the same numbers, whether it comes after a resume or not.
+        seed = (self.seed * 1_000_003 + self.global_step) * 64 + self.global_rank
+        return Alignment(
+            kernel=self.kernel,
+            target=target,
+            source=source,
+            T_solved=eye if solution is None else solution.T_target_source,
+            lengthscale=ones if solution is None else solution.lengthscale,
+            confidence=ones if solution is None else self._confidence(solution, batch),
+            T_made=batch.T_target_source,
+            is_synthetic=batch.is_synthetic,
+            generator=torch.Generator().manual_seed(seed),
+        )
+
     def _detached_steps(self, batch: PairBatch) -> None:
         optimizer = self.optimizers(use_pl_optimizer=True)
         T = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
         for _ in range(self.inner_steps):
-            target, source = self._encode(batch)
+            target, source = self.encode(batch)
             solution = self.bilevel.step(self.kernel, target, source, T, self.curriculum.stage)
             T = solution.T_target_source
-            loss, terms = self.outer_loss(self._alignment(batch, target, source, solution))
+            loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
             optimizer.zero_grad()  # type: ignore[union-attr]
             self.manual_backward(loss)
             self.clip_gradients(optimizer, _DETACHED_CLIP, "norm")  # type: ignore[arg-type]
@@ -120,40 +159,56 @@ class EquivAlign(LightningModule):
 
     def validation_step(self, batch: PairBatch, batch_idx: int) -> None:
         """Register from the stage's initial error, one start, no search."""
-        self._measure(batch, batch_idx)
+        self._measure(batch)
 
     def test_step(self, batch: PairBatch, batch_idx: int) -> None:
         """The same on the test pairs."""
-        self._measure(batch, batch_idx)
+        self._measure(batch)
 
-    def predict_step(self, batch: PairBatch, batch_idx: int) -> Tensor:
-        """Poses (B, 4, 4) in the joint frame, from no motion."""
-        batch = in_joint_frame(batch)
-        target, source = self._encode(batch)
+    def predict_step(self, batch: PairBatch, batch_idx: int) -> list[PairAnswer]:
+        """Register from no motion; each answer is in the pair's own unit and frame."""
+        framed = in_joint_frame(batch)
+        target, source = self.encode(framed)
         start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
-        return self.bilevel.solve(
-            self.kernel, target, source, start, self.curriculum.stage
-        ).T_target_source
+        solution = self.bilevel.solve(self.kernel, target, source, start, self.curriculum.stage)
+        T = out_of_joint_frame(solution.T_target_source, batch)
+        return [
+            PairAnswer(name, pose.tolist(), float(similarity))
+            for name, pose, similarity in zip(batch.names, T, solution.similarity, strict=True)
+        ]
 
-    def _measure(self, batch: PairBatch, batch_idx: int) -> None:
+    def _measure(self, batch: PairBatch) -> None:
         batch = in_joint_frame(batch)
-        target, source = self._encode(batch)
+        target, source = self.encode(batch)
         stage = self.curriculum.stage
-        start = self._start_poses(batch, stage.max_angle, batch_idx)
+        start = self._start_poses(batch, stage.max_angle)
         solution = self.bilevel.solve(self.kernel, target, source, start, stage)
         T = solution.T_target_source
         moved = source.transformed(T[:, :3, :3], T[:, :3, 3])
         values = self.kernel.terms(target, moved, solution.lengthscale).value
         self.metrics.update(
-            T, batch.T_target_source, solution.similarity, solution.lengthscale, target, values
+            T,
+            batch.T_target_source,
+            solution.similarity,
+            solution.lengthscale,
+            target,
+            values,
+            pair_mask(target, source),
         )
 
-    def _start_poses(self, batch: PairBatch, angle: float, batch_idx: int) -> Tensor:
-        """The true poses, turned about the source's centroid by the stage's whole angle."""
-        B = len(batch.target)
-        generator = torch.Generator().manual_seed(self.seed * 1_000_003 + batch_idx)
-        axis = torch.randn(B, 3, generator=generator).to(self.device)
-        R = axis_angle_rotation(axis, torch.full((B,), math.radians(angle), device=self.device))
+    def _start_poses(self, batch: PairBatch, angle: float) -> Tensor:
+        """The true poses, turned about the source's centroid by the stage's whole angle.
+
+        A pair's axis follows from its number, so it is the same in every batch and process.
+        """
+        axis = torch.stack(
+            [
+                torch.randn(3, generator=torch_generator(self.seed, Stream.MOTION, number))
+                for number in batch.number.tolist()
+            ]
+        ).to(self.device)
+        turn = torch.full((len(axis),), math.radians(angle), device=self.device)
+        R = axis_angle_rotation(axis, turn)
         # Both clouds are centred, so the source's centroid moves to the true translation.
         centre = batch.T_target_source[:, :3, 3]
         return pose_matrix(R, centre - (R @ centre[..., None])[..., 0]) @ batch.T_target_source
@@ -229,44 +284,12 @@ class EquivAlign(LightningModule):
         """Go on at the place in the curriculum."""
         self.curriculum.load_state_dict(checkpoint["curriculum"])
 
-    def _encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
-        return (
-            CloudFunction.of(
-                batch.target, self(batch.target, batch.target_mask), batch.target_mask
-            ),
-            CloudFunction.of(
-                batch.source, self(batch.source, batch.source_mask), batch.source_mask
-            ),
-        )
-
-    def _alignment(
-        self,
-        batch: PairBatch,
-        target: CloudFunction,
-        source: CloudFunction,
-        solution: InnerSolution | None,
-    ) -> Alignment:
-        B = len(batch.target)
-        eye = torch.eye(4, device=self.device).expand(B, 4, 4)
-        ones = torch.ones(B, device=self.device)
-        # The same step draws the same numbers, whether it comes after a resume or not.
-        seed = (self.seed * 1_000_003 + self.global_step) * 64 + self.global_rank
-        return Alignment(
-            kernel=self.kernel,
-            target=target,
-            source=source,
-            T_solved=eye if solution is None else solution.T_target_source,
-            lengthscale=ones if solution is None else solution.lengthscale,
-            confidence=ones if solution is None else self._confidence(solution),
-            T_made=batch.T_target_source,
-            is_synthetic=batch.is_synthetic,
-            generator=torch.Generator().manual_seed(seed),
-        )
-
-    def _confidence(self, solution: InnerSolution) -> Tensor:
-        if not self.gate_confidence:
-            return torch.ones_like(solution.similarity)
-        return torch.sigmoid((solution.similarity - _GATE_CENTRE) / _GATE_WIDTH)
+    def _confidence(self, solution: InnerSolution, batch: PairBatch) -> Tensor:
+        """(B,) from 0 to 1: how far ĥ may be believed, by the solver's own ρ."""
+        gate = torch.sigmoid((solution.similarity - _GATE_CENTRE) / _GATE_WIDTH)
+        if self.gate_confidence:
+            return gate
+        return torch.where(batch.is_synthetic, torch.ones_like(gate), gate)
 
     def _log_training(
         self, loss: Tensor, terms: dict[str, Tensor], solution: InnerSolution | None

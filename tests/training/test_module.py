@@ -2,16 +2,15 @@ from __future__ import annotations
 
 import json
 import math
-from pathlib import Path
 
 import pytest
 import torch
-import yaml
+from small_run import CONFIGS, QUIET, small
 
 from model import Registrar
 from model.exceptions import ArtifactFormatError, ArtifactNotFoundError, InvalidOptionError
 from model.se3 import rotation_angle
-from training.bilevel import BilevelSolver
+from training.bilevel import BilevelSolver, InnerSolution
 from training.cli import fit, validate
 from training.curriculum import Stage
 from training.data.motion import Motion
@@ -22,16 +21,7 @@ from training.frame import in_joint_frame
 from training.loss import LOSSES, OuterLoss
 from training.module import EquivAlign
 
-CONFIGS = Path(__file__).parents[2] / "configs"
 SMALL = {"channels": 8, "channels_out": 4, "invariants": 8, "radii": [0.15, 0.3], "layers": 1}
-
-# What Lightning and its parser say of themselves isn't ours to mend.
-QUIET = pytest.mark.filterwarnings(
-    "ignore:.*:DeprecationWarning:jsonargparse",
-    "ignore:.*:DeprecationWarning:lightning",
-    "ignore:.*:FutureWarning:lightning",
-    "ignore:.*:UserWarning:lightning",
-)
 
 
 @pytest.fixture
@@ -58,9 +48,9 @@ def module(loss: dict[str, float], bilevel: BilevelSolver | None = None) -> Equi
 
 def gradient(model: EquivAlign, batch: PairBatch) -> torch.Tensor:
     batch = in_joint_frame(batch)
-    target, source = model._encode(batch)
-    solution = model._solve(target, source, batch)
-    loss, _ = model.outer_loss(model._alignment(batch, target, source, solution))
+    target, source = model.encode(batch)
+    solution = model.solve(target, source, batch)
+    loss, _ = model.outer_loss(model.alignment(batch, target, source, solution))
     model.zero_grad()
     loss.backward()
     return torch.cat([p.grad.flatten() for p in model.encoder.parameters() if p.grad is not None])
@@ -116,6 +106,24 @@ def test_every_loss_says_which_pose_it_uses_and_has_a_finite_gradient(loss, batc
         assert on_real.abs().sum() > 0.0
 
 
+def test_real_pairs_count_by_the_solvers_confidence_and_made_ones_when_asked(batch):
+    model = module({"rkhs_distance": 1.0})
+    solution = InnerSolution(
+        torch.eye(4).repeat(3, 1, 1), torch.ones(3), torch.tensor([0.1, 0.5, 0.9])
+    )
+
+    def confidence(real: bool) -> torch.Tensor:
+        pairs = batch._replace(is_synthetic=torch.full((3,), not real))
+        return model.alignment(pairs, *model.encode(pairs), solution).confidence
+
+    gated = confidence(real=True)
+    assert gated[0] < 0.05
+    assert gated[2] > 0.95
+    assert torch.equal(confidence(real=False), torch.ones(3))
+    model.gate_confidence = True
+    assert torch.equal(confidence(real=False), gated)
+
+
 def test_unrolling_differs_from_the_envelope_before_the_optimum(batch):
     envelope = gradient(module({"rkhs_distance": 1.0}, BilevelSolver(iterations=1)), batch)
     unrolled = gradient(
@@ -138,7 +146,7 @@ def test_the_envelope_gradient_is_exact_at_an_optimum(batch):
 def test_start_poses_are_wrong_by_the_stages_angle(batch):
     framed = in_joint_frame(batch)
     model = module({"rkhs_distance": 1.0})
-    start = model._start_poses(framed, 20.0, 0)
+    start = model._start_poses(framed, 20.0)
     angle = rotation_angle(start[:, :3, :3], framed.T_target_source[:, :3, :3])
     torch.testing.assert_close(angle, torch.full((3,), math.radians(20.0)), atol=1e-4, rtol=0)
 
@@ -152,28 +160,9 @@ def test_unknown_losses_are_refused():
         OuterLoss({"rkhs_distance": 1.0}, {"rkhs_distance": {"power": 2}})
 
 
-def tiny(config: Path, root: Path) -> list[str]:
-    """Two batches of few points, whatever the configuration."""
-    arguments = ["-c", str(config), "--trainer.default_root_dir", str(root)]
-    arguments += ["--trainer.fast_dev_run", "2", "--data.workers", "0"]
-    perturbation = yaml.safe_load(config.read_text())["data"]["init_args"].get("perturbation")
-    if perturbation is not None:
-        for cloud in ("target_points", "source_points"):
-            arguments += [f"--data.perturbation.{cloud}", "[80, 100]"]
-    return arguments
-
-
-@QUIET
-@pytest.mark.parametrize("config", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.stem)
-def test_every_configuration_runs(config, tmp_path):
-    assert fit(tiny(config, tmp_path)) == 0
-
-
 @QUIET
 def test_fit_validate_export_and_serve_the_same_features(tmp_path, batch, capsys):
-    arguments = tiny(CONFIGS / "quickstart.yaml", tmp_path)
-    for flag in ("--trainer.fast_dev_run", "2"):
-        arguments.remove(flag)
+    arguments = [*small(CONFIGS / "quickstart.yaml"), "--trainer.default_root_dir", str(tmp_path)]
     arguments += ["--trainer.max_steps", "2", "--data.pairs_per_epoch", "8"]
     arguments += ["--data.evaluation_pairs", "4", "--data.batch_size", "4"]
     assert fit(arguments) == 0

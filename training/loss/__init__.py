@@ -26,7 +26,11 @@ LOSSES: dict[str, Callable[..., nn.Module]] = {
     "pose_contrast": PoseContrast,
     "pose_contrast_solved": partial(PoseContrast, reference="solved"),
     "feature_contrast": partial(MatchingContrast, feature_likeness),
+    "feature_contrast_solved": partial(MatchingContrast, feature_likeness, reference="solved"),
     "invariant_contrast": partial(MatchingContrast, invariant_likeness, temperature=20.0),
+    "invariant_contrast_solved": partial(
+        MatchingContrast, invariant_likeness, reference="solved", temperature=20.0
+    ),
 }
 
 

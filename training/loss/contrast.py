@@ -83,26 +83,26 @@ class PoseContrast(nn.Module):
 class MatchingContrast(nn.Module):
     """Each target point against all source points, matched by how alike their features are.
 
-    Self-supervised: it uses the transform that the data pipeline made, never a measured one.
-
     Args:
-        likeness: of the target's points (B, N) and of the truly moved source's (B, M), (B, N, M).
+        likeness: of the target's points (B, N) and of the moved source's (B, M), (B, N, M).
+        reference: ``made`` uses the transform that the data pipeline made (self-supervised, never
+            a measured one); ``solved`` only ĥ, which then tells by itself what matches.
         points: points of each cloud that are compared.
         neighbourhood: points this close in the aligned frame count as the same.
         temperature: initial factor of the likeness in the softmax; learned.
     """
 
-    uses_made_transform = True
-
     def __init__(
         self,
         likeness: Callable[[CloudFunction, CloudFunction], Tensor],
+        reference: Literal["made", "solved"] = "made",
         points: int = 400,
         neighbourhood: float = 0.05,
         temperature: float = 10.0,
     ) -> None:
         super().__init__()
         self.likeness = likeness
+        self.uses_made_transform = reference == "made"
         self.points = points
         self.neighbourhood = neighbourhood
         self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
@@ -110,9 +110,10 @@ class MatchingContrast(nn.Module):
     def forward(self, alignment: Alignment) -> Tensor:
         """Scalar cross entropy."""
         a = alignment.thinned(self.points)
-        moved = a.source_at(a.T_made)
+        moved = a.source_at(a.T_made if self.uses_made_transform else a.T_solved.detach())
         logits = self.log_temperature.exp() * self.likeness(a.target, moved)
-        return matching_cross_entropy(a, moved, logits, self.neighbourhood)
+        weight = _weight(a, self.uses_made_transform)
+        return matching_cross_entropy(a.target, moved, logits, self.neighbourhood, weight)
 
 
 def feature_likeness(target: CloudFunction, moved: CloudFunction) -> Tensor:
@@ -127,22 +128,27 @@ def invariant_likeness(target: CloudFunction, moved: CloudFunction) -> Tensor:
 
 
 def matching_cross_entropy(
-    a: Alignment, moved: CloudFunction, logits: Tensor, neighbourhood: float
+    target: CloudFunction,
+    moved: CloudFunction,
+    logits: Tensor,
+    neighbourhood: float,
+    weight: Tensor,
 ) -> Tensor:
     """Softmax over the source for each target point; the right answers are soft, by distance.
 
     Args:
-        a: the alignment.
-        moved: the source in the target's frame.
+        target: N points each.
+        moved: the source in the target's frame, M points each.
         logits: (B, N, M).
         neighbourhood: standard deviation of the Gaussian that says how right an answer is.
+        weight: (B,) of the pairs.
     """
-    distance2 = squared_distances(a.target.points, moved.points)
+    distance2 = squared_distances(target.points, moved.points)
     rightness = torch.exp(distance2 / (-2.0 * neighbourhood**2))
     per_point = -(rightness * logits.log_softmax(-1)).sum(-1)
     matched = rightness.sum(-1).sum(-1)
     per_pair = per_point.sum(-1) / matched.clamp_min(1.0)
-    return weighted_mean(per_pair, _weight(a, uses_made_transform=True))
+    return weighted_mean(per_pair, weight)
 
 
 def _weight(a: Alignment, uses_made_transform: bool) -> Tensor:

@@ -216,8 +216,9 @@ def test_las_files(tmp_path: Path, cube_cloud: tuple) -> None:  # type: ignore[t
     header.scales = np.full(3, 1e-4)
     las = laspy.LasData(header)
     las.x, las.y, las.z = 3.0 * cube_cloud[0].T
-    las.write(tmp_path / "cube.las")
-    assert_cube(read(tmp_path / "cube.las"))
+    for name in ("cube.las", "cube.laz"):
+        las.write(tmp_path / name)
+        assert_cube(read(tmp_path / name))
     (tmp_path / "cut.las").write_bytes((tmp_path / "cube.las").read_bytes()[:300])
     with pytest.raises(CloudFileError, match=r"cut\.las"):
         read(tmp_path / "cut.las")

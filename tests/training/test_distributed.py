@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import pytest
+import torch
+from small_run import CONFIGS, QUIET, run_in_another_process, small
+
+from training.checkpoint import latest_checkpoint
+from training.cli import fit
+
+
+def arguments(root: Path, processes: int) -> list[str]:
+    """Three steps of four pairs, on one process or shared by several."""
+    return [
+        *small(CONFIGS / "quickstart.yaml"),
+        *("--trainer.default_root_dir", str(root), "--trainer.accelerator", "cpu"),
+        *("--trainer.max_steps", "3", "--trainer.val_check_interval", "3"),
+        # Nothing random in it, so that sharing a batch changes nothing but the order of sums.
+        *("--model.loss", "{rkhs_distance: 1.0}", "--model.bilevel.iterations", "3"),
+        *("--data.batch_size", str(4 // processes), "--data.pairs_per_epoch", "16"),
+        *("--data.evaluation_pairs", "8", "--trainer.log_every_n_steps", "1"),
+    ]
+
+
+def metrics(root: Path) -> dict[str, float]:
+    """The last validation's."""
+    (path,) = root.rglob("metrics.csv")
+    with path.open() as stream:
+        rows = [row for row in csv.DictReader(stream) if row.get("val/score")]
+    return {name: float(value) for name, value in rows[-1].items() if name.startswith("val/")}
+
+
+@QUIET
+def test_two_processes_get_what_one_gets(tmp_path: Path):
+    assert fit(arguments(tmp_path / "one", 1)) == 0
+    shared = ("--trainer.devices", "2", "--trainer.strategy", "ddp")
+    answer = run_in_another_process("fit", *arguments(tmp_path / "two", 2), *shared)
+    assert answer.returncode == 0, answer.stderr
+    assert "gloo" in answer.stderr
+    one, two = metrics(tmp_path / "one"), metrics(tmp_path / "two")
+    assert {"val/recall_5deg", "val/rotation_deg", "val/similarity"} <= set(one)
+    assert two == pytest.approx(one, rel=1e-3, abs=1e-4)
+
+    weights = [
+        torch.load(latest_checkpoint(tmp_path / name), weights_only=True)["state_dict"]
+        for name in ("one", "two")
+    ]
+    moved = torch.load(latest_checkpoint(tmp_path / "one"), weights_only=True)["global_step"]
+    assert moved == 3
+    for name, value in weights[0].items():
+        torch.testing.assert_close(weights[1][name], value, rtol=1e-3, atol=1e-4)
