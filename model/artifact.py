@@ -26,6 +26,7 @@ from model.exceptions import (
 )
 from model.kernel import feature_kernel
 from model.settings import RegistrarSettings
+from model.verification import Verifier
 
 FORMAT_VERSION = 1
 WEIGHTS_FILE = "encoder.safetensors"
@@ -49,6 +50,7 @@ class Artifact:
         training: summary of how the weights came about.
         weights: the encoder's state.
         weights_sha256: of the weights file; empty until written.
+        verifier: judges candidates and gives the probability; None until one is fitted.
     """
 
     name: str
@@ -59,6 +61,7 @@ class Artifact:
     training: Mapping[str, Any]
     weights: Mapping[str, Tensor]
     weights_sha256: str = field(default="")
+    verifier: Verifier | None = None
 
     def encoder(self) -> nn.Module:
         """The encoder with its weights, in evaluation mode.
@@ -86,6 +89,7 @@ class Artifact:
             "encoder": {"name": self.encoder_name, "architecture": dict(self.architecture)},
             "kernel": {"feature": self.kernel},
             "solver": self.settings.as_dict(),
+            "verifier": None if self.verifier is None else self.verifier.as_dict(),
             "training": dict(self.training),
             "weights_sha256": self.weights_sha256,
         }
@@ -167,6 +171,7 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
             training=description["training"],
             weights=weights,
             weights_sha256=description["weights_sha256"],
+            verifier=_verifier(description.get("verifier")),
         )
     except (KeyError, TypeError, InvalidOptionError) as error:
         raise ArtifactFormatError(
@@ -175,6 +180,10 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
             value=directory,
             mend="export the checkpoint again",
         ) from None
+
+
+def _verifier(plain: Mapping[str, Any] | None) -> Verifier | None:
+    return None if plain is None else Verifier.from_dict(plain)
 
 
 def _locate(place: Path | str | None) -> Path:

@@ -71,6 +71,13 @@ class CloudFunction:
         """The same function outside the autograd graph."""
         return CloudFunction(self.points.detach(), self.features.detach(), self.mask, self.labels)
 
+    def grouped(self, groups: int) -> list[CloudFunction]:
+        """The same points with each group of channels by itself; they are divided evenly."""
+        return [
+            CloudFunction(self.points, features, self.mask, self.labels)
+            for features in self.features.chunk(groups, dim=-1)
+        ]
+
     def without_features(self) -> CloudFunction:
         """The geometric part alone (Geometric-CVO's representation)."""
         return CloudFunction(self.points, self.features[..., :0], self.mask, self.labels)

@@ -12,4 +12,6 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 
 def compiled(function: Function) -> Function:
     """Compile a function of numbers and arrays; it runs without the interpreter's lock."""
-    return cast(Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function))
+    return cast(
+        Function, njit(cache=True, nogil=True, fastmath=True, error_model="numpy")(function)
+    )

@@ -15,7 +15,7 @@ _ENOUGH = 50
 _FREE = 0.015
 
 
-def degenerate_directions(points: FloatArray) -> list[str]:
+def degenerate_directions(points: FloatArray, normals: FloatArray | None = None) -> list[str]:
     """Name the motions that slide a surface within itself.
 
     A motion δ = (ρ, φ) moves a point with normal n by n·(ρ + φ×x) across the surface; directions
@@ -24,6 +24,7 @@ def degenerate_directions(points: FloatArray) -> list[str]:
 
     Args:
         points: (N, 3), those that both clouds share, in the normalised frame.
+        normals: (N, 3) if they are known already.
 
     Returns:
         one phrase a direction, along the given axes; none for fewer than 50 points, whose normals
@@ -33,7 +34,7 @@ def degenerate_directions(points: FloatArray) -> list[str]:
         return []
     centred = points - points.mean(axis=0)
     radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-    normals = _normals(centred)
+    normals = _normals(centred) if normals is None else normals
     motion = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
     values, axes = np.linalg.eigh(motion.T @ motion / len(points))
     free = values < _FREE * values[-1]

@@ -8,27 +8,123 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy.spatial import KDTree
 
-from model.inner_loop import Solution
-from model.inner_loop.objective import Objective
-from model.kernel import InnerProducts, RkhsKernel
-from model.normalization import JointFrame
-from model.refinement import Refined
-from model.result import Iteration, RunnerUp
-from model.se3 import rigid, rotation_angle
+from model.degeneracy import degenerate_directions
+from model.inner_loop import Step
+from model.last_stage import Solved
+from model.options import Options
+from model.pair import Pair
+from model.result import Diagnostics, Iteration, RunnerUp
+from model.se3 import rotation_angle
+from model.search import KINDS, Candidates, Start, evidence_at
+from model.surface import SurfaceCloud
+from model.surface.meeting import nearest
+from model.verification import Evidence, Verifier, surface_agreement
 
 FloatArray = npt.NDArray[np.float64]
 
-# Points of two samplings of one surface lie within this many spacings of each other.
-_INLIER_SPACINGS = 1.5
+# Points of two samplings of one surface lie within about this many spacings of each other.
+_INLIER_SPACINGS = 1.0
 _UNIT_RATIO = 10.0
 _ENOUGH_SHARED = 50
-# A runner-up this much like the answer makes the answer ambiguous.
+_RUNNER_UPS = 5
+# A runner-up whose ρ is this much of the answer's makes the answer ambiguous.
 _AMBIGUOUS = 0.9
 # ρ at a fine ℓ is low for any two samplings: only next to nothing is a sign of a wrong pose.
 _LOW_SIMILARITY = 0.1
 _LOW_OVERLAP = 0.3
+_LOW_PROBABILITY = 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnosis:
+    """The answer in the frame, and all that is said about it but the times.
+
+    Attributes:
+        T_target_source: (4, 4).
+        entries: arguments of Diagnostics.
+    """
+
+    T_target_source: FloatArray
+    entries: dict[str, object]
+
+    def diagnostics(self, seconds: dict[str, float]) -> Diagnostics:
+        """With the seconds of each stage."""
+        return Diagnostics(seconds=seconds, **self.entries)  # type: ignore[arg-type]
+
+
+def diagnose(
+    pair: Pair,
+    options: Options,
+    start: Start,
+    candidates: Candidates,
+    solved: Solved,
+    verifier: Verifier | None,
+) -> Diagnosis:
+    """Collect the evidence for and against the answer.
+
+    Args:
+        pair: as it was solved.
+        options: of the registration.
+        start: the start poses.
+        candidates: what the search left, best first.
+        solved: from the last stage.
+        verifier: gives the probability; None where the artifact has none.
+    """
+    T, scale = solved.T_target_source, pair.frame.scale
+    overlap = Overlap.of(pair.target.dense, pair.source.dense, T)
+    shared = overlap.shared
+    degenerate = degenerate_directions(
+        pair.target.dense.arrays.points[shared], pair.target.dense.arrays.normals[shared]
+    )
+    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
+    log_odds = _log_odds(verifier, evidence)
+    others = _runner_ups(pair, candidates, solved)
+    lead = log_odds - max(other.log_odds for other in others) if others else None
+    probability = (
+        None
+        if verifier is None
+        else verifier.probability(log_odds, Verifier.LEAD if lead is None else lead)
+    )
+    similarity = solved.products.similarity.item()
+    uncertainty = solved.uncertainty.in_unit(scale)
+    late = options.deadline.passed()
+    warnings = [
+        *pair.notes,
+        *_warnings(pair, similarity, overlap, solved.converged, probability),
+        *_ambiguity(similarity, degenerate, others),
+    ]
+    entries: dict[str, object] = {
+        "success_probability": probability,
+        "margin": lead,
+        "rkhs_distance": solved.products.distance.item(),
+        "similarity": similarity,
+        "lengthscale": solved.lengthscale * scale,
+        "iterations": len(solved.steps),
+        "converged": solved.converged and not late,
+        "deadline_reached": late,
+        "overlap_source": overlap.source,
+        "overlap_target": overlap.target,
+        "inlier_distance": overlap.distance * scale,
+        "inlier_rmse": None if overlap.rmse is None else overlap.rmse * scale,
+        "covariance": uncertainty.covariance.tolist(),
+        "information": uncertainty.information.tolist(),
+        "degenerate_directions": degenerate,
+        "runner_ups": others,
+        "hypotheses": start.tried,
+        "won_by": KINDS[int(candidates.hypotheses.kind[0])],
+        "solver": options.solver,
+        "points_source": len(pair.source.dense.arrays.points),
+        "points_target": len(pair.target.dense.arrays.points),
+        "warnings": warnings,
+        "trace": [_iteration(step, scale) for step in solved.steps],
+    }
+    return Diagnosis(T, entries)
+
+
+def _log_odds(verifier: Verifier | None, evidence: Evidence) -> float:
+    judge = surface_agreement if verifier is None else verifier.log_odds
+    return float(judge(evidence)[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,133 +134,86 @@ class Overlap:
     Attributes:
         source: share of the source's points.
         target: share of the target's points.
-        distance: that counts as a neighbour, in the input's unit.
-        rmse: over the source's points that have one, in the input's unit; None if none has.
-        shared: (S, 3) the target's points that have one, in the normalised frame; all of them
-            where too few have.
+        distance: that counts as a neighbour, in the frame.
+        rmse: over the source's points that have one, in the frame; None if none has.
+        shared: (N,) which target points have one; all of them where too few have.
     """
 
     source: float
     target: float
     distance: float
     rmse: float | None
-    shared: FloatArray
+    shared: npt.NDArray[np.bool_]
 
     @classmethod
-    def of(
-        cls, target: FloatArray, source: FloatArray, T: FloatArray, spacing: float, scale: float
-    ) -> Overlap:
-        """Measure it in the normalised frame.
-
-        Args:
-            target: (N, 3).
-            source: (M, 3).
-            T: (4, 4) in the frame.
-            spacing: median distance between neighbouring points of one cloud.
-            scale: the frame's unit in the input's.
-        """
-        moved = source @ T[:3, :3].T + T[:3, 3]
-        reach = _INLIER_SPACINGS * spacing
-        to_target = np.asarray(KDTree(target).query(moved)[0])
-        to_source = np.asarray(KDTree(moved).query(target)[0])
-        inliers = to_target[to_target <= reach]
-        rmse = float(np.sqrt(np.mean(inliers**2))) * scale if len(inliers) else None
-        near = to_source <= reach
+    def of(cls, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray) -> Overlap:
+        """Measure it at T (4, 4)."""
+        reach = _INLIER_SPACINGS * max(target.spacing, source.spacing)
+        fixed, moving = target.at(reach), source.at(reach)
+        T_inverse = np.eye(4)
+        T_inverse[:3, :3] = T[:3, :3].T
+        T_inverse[:3, 3] = -T[:3, :3].T @ T[:3, 3]
+        to_target, _ = nearest(fixed.cells, fixed.arrays, source.arrays, T, reach)
+        to_source, _ = nearest(moving.cells, moving.arrays, target.arrays, T_inverse, reach)
+        inliers = to_target[to_target < reach]
+        near = to_source < reach
+        enough = int(near.sum()) >= _ENOUGH_SHARED
         return cls(
-            source=len(inliers) / len(moved),
+            source=len(inliers) / len(to_target),
             target=float(np.mean(near)),
-            distance=reach * scale,
-            rmse=rmse,
-            shared=target[near] if near.sum() >= _ENOUGH_SHARED else target,
+            distance=reach,
+            rmse=float(np.sqrt(np.mean(inliers**2))) if len(inliers) else None,
+            shared=near if enough else np.ones_like(near),
         )
 
 
-def inner_products(objective: Objective, solution: Solution) -> InnerProducts:
-    """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,ĥZ⟩ at the answer and ℓ̂."""
-    cross = objective.moments(solution.T_target_source, solution.lengthscale)
-    own_target, own_source = objective.own_moments(solution.lengthscale)
-    return InnerProducts(own_target.mass, own_source.mass, cross.mass)
-
-
-def runner_ups(
-    refined: Refined,
-    products: InnerProducts,
-    kernel: RkhsKernel,
-    frame: JointFrame,
-    T_answer: FloatArray,
-) -> list[RunnerUp]:
-    """The finalists that lost, with their ρ, best first.
-
-    Args:
-        refined: the winner.
-        products: at the answer.
-        kernel: of the RKHS.
-        frame: of the pair.
-        T_answer: (4, 4) in the frame.
-    """
-    T = refined.runner_ups
-    if len(T) == 0:
-        return []
-    ell = refined.solution.lengthscale.expand(len(T))
-    cross = refined.objective.elsewhere(kernel, T, ell)
-    similarity = cross / (products.target * products.source).sqrt()
-    answer = torch.from_numpy(T_answer[:3, :3])
-    angle = rotation_angle(T[:, :3, :3].double(), answer).rad2deg()
-    found = [
+def _runner_ups(pair: Pair, candidates: Candidates, solved: Solved) -> list[RunnerUp]:
+    """The candidates that lost, with their ρ, best first."""
+    T = candidates.hypotheses.T_target_source.double()
+    answer = torch.from_numpy(solved.T_target_source[:3, :3])
+    angle = rotation_angle(T[:, :3, :3], answer).rad2deg()
+    return [
         RunnerUp(
-            T_target_source=frame.pose_out(rigid(T[i])).tolist(),
-            similarity=similarity[i].item(),
-            rotation_from_answer_deg=angle[i].item(),
+            T_target_source=pair.frame.pose_out(T[k].numpy()).tolist(),
+            similarity=solved.similarity_at(T[k].numpy()),
+            rotation_from_answer_deg=angle[k].item(),
+            log_odds=float(candidates.score[k]),
         )
-        for i in range(len(T))
+        for k in range(1, min(len(T), 1 + _RUNNER_UPS))
     ]
-    return sorted(found, key=lambda other: -other.similarity)
 
 
-def ambiguity(similarity: float, degenerate: list[str], others: list[RunnerUp]) -> list[str]:
+def _ambiguity(similarity: float, degenerate: list[str], others: list[RunnerUp]) -> list[str]:
     """Say so where another pose, or a whole family of them, is as good."""
     said = []
     if degenerate:
         said.append(f"the pose is undetermined: the surface {', '.join(degenerate)}")
-    if others and others[0].similarity >= _AMBIGUOUS * similarity:
+    rival = max(others, key=lambda other: other.similarity, default=None)
+    if rival is not None and rival.similarity >= _AMBIGUOUS * similarity:
         said.append(
-            f"ambiguous: turned by {others[0].rotation_from_answer_deg:.0f}° the clouds agree "
-            f"nearly as well (ρ = {others[0].similarity:.2f} against {similarity:.2f})"
+            f"ambiguous: turned by {rival.rotation_from_answer_deg:.0f}° the clouds agree "
+            f"nearly as well (ρ = {rival.similarity:.2f} against {similarity:.2f})"
         )
     return said
 
 
-def iterations(solution: Solution, scale: float) -> list[Iteration]:
-    """The steps of a batch of one, lengths in the input's unit."""
-    return [
-        Iteration(
-            lengthscale=step.lengthscale.item() * scale,
-            rkhs_distance=step.products.distance.item(),
-            similarity=step.products.similarity.item(),
-            step_rotation_deg=math.degrees(step.rotation.item()),
-            step_translation=step.translation.item() * scale,
-        )
-        for step in solution.steps
-    ]
+def _iteration(step: Step, scale: float) -> Iteration:
+    """A step of a batch of one, lengths in the input's unit."""
+    return Iteration(
+        lengthscale=step.lengthscale.item() * scale,
+        rkhs_distance=step.products.distance.item(),
+        similarity=step.products.similarity.item(),
+        step_rotation_deg=math.degrees(step.rotation.item()),
+        step_translation=step.translation.item() * scale,
+    )
 
 
-def warn(
-    target: FloatArray,
-    source: FloatArray,
-    similarity: float,
-    overlap: Overlap,
-    converged: bool,
+def _warnings(
+    pair: Pair, similarity: float, overlap: Overlap, converged: bool, probability: float | None
 ) -> list[str]:
-    """What a careful user would want to know, in plain words.
-
-    Args:
-        target: (N, 3) in the frame.
-        source: (M, 3) in the frame.
-        similarity: ρ at the answer.
-        overlap: at the answer.
-        converged: whether the inner loop did.
-    """
+    """What a careful user would want to know, in plain words."""
     said = []
+    target, source = pair.target.dense.arrays.points, pair.source.dense.arrays.points
     ratio = _rms(target) / _rms(source)
     if max(ratio, 1.0 / ratio) >= _UNIT_RATIO:
         said.append(
@@ -180,6 +229,8 @@ def warn(
         said.append(f"low similarity (ρ = {similarity:.2f}): the pose explains little")
     if min(overlap.source, overlap.target) < _LOW_OVERLAP:
         said.append("low overlap: most points of one cloud have no neighbour in the other")
+    if probability is not None and probability < _LOW_PROBABILITY:
+        said.append(f"the pose is probably wrong (success probability {probability:.2f})")
     return said
 
 

@@ -4,14 +4,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from threading import Event
 
 import numpy as np
 import numpy.typing as npt
 
+from model.deadline import Deadline
 from model.exceptions import InvalidOptionError
-from model.inner_loop import INNER_LOOPS
 
 FloatArray = npt.NDArray[np.float64]
+
+SOLVERS = ("surface", "procrustes", "gradient")
+SEARCHES = ("global", "local")
 
 # A given rotation may be this far from orthonormal; it is then made so.
 _ROTATION_TOLERANCE = 1e-3
@@ -25,13 +29,17 @@ class Options:
         initial: (4, 4) guess of T_target_source in the input's unit, or None.
         max_rotation_deg: how far from the guess, or from no rotation, the answer may turn.
         seed: of everything random.
-        solver: inner loop of the last stage.
+        solver: of the last stage.
+        search: ``global``, or ``local`` from the guess alone.
+        deadline: when to stop.
     """
 
     initial: FloatArray | None
     max_rotation_deg: float
     seed: int
     solver: str
+    search: str
+    deadline: Deadline
 
     @classmethod
     def checked(
@@ -40,24 +48,24 @@ class Options:
         max_rotation_deg: float,
         seed: int,
         solver: str,
+        search: str = "global",
+        deadline: float | None = None,
+        cancel: Event | None = None,
     ) -> Options:
         """Check every option.
 
         Raises:
             InvalidOptionError: naming the option, its value and the mend.
         """
-        if solver not in INNER_LOOPS:
-            raise InvalidOptionError(
-                "unknown solver",
-                field="solver",
-                value=repr(solver),
-                mend=f"choose one of {', '.join(INNER_LOOPS)}",
-            )
+        _one_of(solver, SOLVERS, "solver")
+        _one_of(search, SEARCHES, "search")
         return cls(
             None if initial is None else as_pose(initial, "initial"),
             _angle(max_rotation_deg),
             _seed(seed),
             solver,
+            search,
+            Deadline.after(_seconds(deadline), cancel),
         )
 
 
@@ -115,3 +123,27 @@ def _seed(value: int) -> int:
             mend="give a non-negative integer",
         )
     return int(value)
+
+
+def _one_of(value: str, known: tuple[str, ...], field: str) -> None:
+    if value not in known:
+        raise InvalidOptionError(
+            f"unknown {field}",
+            field=field,
+            value=repr(value),
+            mend=f"choose one of {', '.join(known)}",
+        )
+
+
+def _seconds(value: float | None) -> float | None:
+    if value is None:
+        return None
+    valid = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+    if not valid or not math.isfinite(value) or value <= 0.0:
+        raise InvalidOptionError(
+            "not a positive number of seconds",
+            field="deadline",
+            value=value,
+            mend="give seconds, or leave it out for no limit",
+        )
+    return float(value)

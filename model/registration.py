@@ -2,36 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
-from scipy.spatial import KDTree
 from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
-from model.cloud_function import CloudFunction
-from model.degeneracy import degenerate_directions
-from model.diagnosis import Overlap, ambiguity, inner_products, iterations, runner_ups, warn
+from model.deadline import always
+from model.diagnosis import Diagnosis, diagnose
 from model.kernel import RkhsKernel
-from model.normalization import JointFrame
+from model.last_stage import Solved, last_stage
 from model.options import Options
-from model.point_cloud import as_points
-from model.refinement import Refined, Refinement, last_stage
-from model.result import Diagnostics, RegistrationResult
-from model.sampling import median_spacing, reduce_points
-from model.se3 import rigid
-from model.search import coarse_to_fine, hypothesise
+from model.pair import GivenPair, Pair, PreparedTarget
+from model.prepared_cloud import PreparedCloud
+from model.result import RegistrationResult
+from model.search import Candidates, Start, evidence_at, hypothesise, refine
 from model.stopwatch import Stopwatch
-from model.uncertainty import Uncertainty
+from model.verification import surface_agreement
 
 FloatArray = npt.NDArray[np.float64]
-
-# Lengthscales are meant for clouds whose points lie this far apart in the unit sphere.
-_REFERENCE_SPACING = 0.06
 
 
 class Registrar:
@@ -44,7 +38,9 @@ class Registrar:
     def __init__(self, artifact: Artifact) -> None:
         self.artifact = artifact
         self._encoder = artifact.encoder().requires_grad_(False)
+        self._groups = int(getattr(self._encoder, "groups", 1))
         self._kernel = RkhsKernel(artifact.kernel)
+        self._judge = surface_agreement if artifact.verifier is None else artifact.verifier.log_odds
 
     @classmethod
     def load(cls, artifact: Path | str | None = None) -> Registrar:
@@ -63,22 +59,34 @@ class Registrar:
     def register(
         self,
         source: npt.ArrayLike,
-        target: npt.ArrayLike,
+        target: npt.ArrayLike | PreparedTarget,
         initial: npt.ArrayLike | None = None,
         max_rotation_deg: float = 180.0,
         seed: int = 0,
         solver: str | None = None,
+        search: str = "global",
+        deadline: float | None = None,
+        cancel: Event | None = None,
+        source_labels: npt.ArrayLike | None = None,
+        target_labels: npt.ArrayLike | None = None,
     ) -> RegistrationResult:
         """Find the pose that moves the source onto the target.
 
         Args:
             source: (M, 3), any unit.
-            target: (N, 3), the same unit.
+            target: (N, 3), the same unit; or one that ``prepare`` made ready.
             initial: (4, 4) guess of T_target_source; the search is around it.
             max_rotation_deg: how far from the guess (or from no rotation) the answer may turn.
             seed: the same seed gives the same answer on one machine.
-            solver: inner loop of the last stage, ``procrustes`` or the paper's ``gradient``;
+            solver: of the last stage, ``surface``, ``procrustes`` or the paper's ``gradient``;
                 None takes the artifact's.
+            search: ``global`` looks everywhere that ``max_rotation_deg`` allows; ``local`` solves
+                from the guess (or from no motion) alone.
+            deadline: seconds after which the best pose so far is returned, not converged.
+            cancel: when set, the same happens at once.
+            source_labels: (M, L) colour, intensity or the like, which no motion changes; their
+                inner products weigh the pairs of points (paper, section 4.2).
+            target_labels: (N, L).
 
         Raises:
             InvalidCloudError: a cloud that has no pose.
@@ -86,142 +94,121 @@ class Registrar:
         """
         stopwatch = Stopwatch()
         options = Options.checked(
-            initial, max_rotation_deg, seed, solver or self.artifact.settings.solver
+            initial,
+            max_rotation_deg,
+            seed,
+            solver or self.artifact.settings.solver,
+            search,
+            deadline,
+            cancel,
         )
-        pair = _Pair.prepare(
-            as_points(source, "source"),
-            as_points(target, "target"),
-            self.artifact.settings.points,
-            options,
-        )
-        stopwatch.lap("prepare")
-        with torch.no_grad():
-            f_target, f_source = self._encode(pair.target), self._encode(pair.source)
-            stopwatch.lap("encode")
-            start = hypothesise(
-                f_target,
-                f_source,
-                pair.T_initial,
-                options.max_rotation_deg,
-                self.artifact.settings.hypotheses,
-            )
-            stopwatch.lap("hypothesise")
-            candidates = coarse_to_fine(
-                start,
-                f_target.points[0],
-                f_source.points[0],
-                self.artifact.settings.search,
-                pair.resolution,
-                pair.generator,
-            )
-            stopwatch.lap("search")
-            refined = Refinement(
-                self._kernel,
-                f_target,
-                f_source,
-                last_stage(self.artifact.settings, options.solver, pair.resolution),
-                pair.resolution,
-                KDTree(f_target.points[0].numpy()),
-            ).refine(
-                candidates,
-                start.T_target_source[0, :3, :3],
-                options.max_rotation_deg,
-                pair.generator,
-            )
-            stopwatch.lap("solve")
-            return self._diagnose(pair, options, refined, len(start), stopwatch)
-
-    def _encode(self, points: FloatArray) -> CloudFunction:
-        x = torch.from_numpy(points).float()[None]
-        return CloudFunction.of(x, self._encoder(x))
-
-    def _diagnose(
-        self,
-        pair: _Pair,
-        options: Options,
-        refined: Refined,
-        hypotheses: int,
-        stopwatch: Stopwatch,
-    ) -> RegistrationResult:
-        solution, scale = refined.solution, pair.frame.scale
-        T = rigid(solution.T_target_source[0])
-        overlap = Overlap.of(pair.target, pair.source, T, pair.spacing, scale)
-        uncertainty = Uncertainty.of(
-            refined.objective.pairs,
-            len(pair.target),
-            solution.T_target_source,
-            solution.lengthscale,
-            scale,
-        )
-        products = inner_products(refined.objective, solution)
-        similarity = products.similarity.item()
-        converged = bool(solution.converged[0])
-        degenerate = degenerate_directions(overlap.shared)
-        others = runner_ups(refined, products, self._kernel, pair.frame, T)
-        warnings = warn(pair.target, pair.source, similarity, overlap, converged)
+        given = GivenPair.checked(source, target, source_labels, target_labels)
+        pair = self._encode(given, options)
+        stopwatch.lap("encode")
+        start = self._hypothesise(pair, options)
+        stopwatch.lap("hypothesise")
+        candidates = self._search(pair, start, options)
+        stopwatch.lap("search")
+        solved = self._solve(pair, start, candidates, options)
+        stopwatch.lap("solve")
+        found = diagnose(pair, options, start, candidates, solved, self.artifact.verifier)
         stopwatch.lap("diagnose")
-        diagnostics = Diagnostics(
-            rkhs_distance=products.distance.item(),
-            similarity=similarity,
-            lengthscale=solution.lengthscale.item() * scale,
-            iterations=len(solution.steps),
-            converged=converged,
-            overlap_source=overlap.source,
-            overlap_target=overlap.target,
-            inlier_distance=overlap.distance,
-            inlier_rmse=overlap.rmse,
-            covariance=uncertainty.covariance.tolist(),
-            information=uncertainty.information.tolist(),
-            degenerate_directions=degenerate,
-            runner_ups=others,
-            hypotheses=hypotheses,
-            won_by=refined.kind,
-            solver=options.solver,
-            points_source=len(pair.source),
-            points_target=len(pair.target),
-            seconds=stopwatch.seconds(),
-            warnings=pair.notes + warnings + ambiguity(similarity, degenerate, others),
-            trace=iterations(solution, scale),
-        )
-        return RegistrationResult(pair.frame.pose_out(T), diagnostics)
+        return self._result(pair, found, stopwatch)
 
-
-@dataclass(frozen=True, slots=True)
-class _Pair:
-    """A checked pair in the frame it is solved in."""
-
-    frame: JointFrame
-    target: FloatArray
-    source: FloatArray
-    T_initial: Tensor | None
-    spacing: float
-    notes: list[str]
-    generator: torch.Generator
-
-    @property
-    def resolution(self) -> float:
-        """How much sparser the clouds are than those that the lengthscales are meant for."""
-        return float(np.clip(self.spacing / _REFERENCE_SPACING, 1.0, 10.0))
-
-    @classmethod
     def prepare(
-        cls, source: FloatArray, target: FloatArray, points: int, options: Options
-    ) -> _Pair:
-        frame = JointFrame.of(target, source)
-        x, z = frame.target(target), frame.source(source)
-        kept_x, _ = reduce_points(x, points, options.seed)
-        kept_z, _ = reduce_points(z, points, options.seed)
-        x, z = x[kept_x], z[kept_z]
-        notes = [
-            f"{name}: {len(kept)} of {len(whole)} points used, chosen by farthest-point sampling"
-            for name, kept, whole in (("target", kept_x, target), ("source", kept_z, source))
-            if len(kept) < len(whole)
-        ]
-        T_initial = (
-            None
-            if options.initial is None
-            else torch.from_numpy(frame.pose_in(options.initial)).float()
+        self,
+        target: npt.ArrayLike,
+        labels: npt.ArrayLike | None = None,
+        seed: int = 0,
+    ) -> PreparedTarget:
+        """Encode a target once for many sources.
+
+        Its own extent becomes the unit of the frame, so an answer may differ in its last digits
+        from that of the unprepared pair; a source that is much larger is registered as if the
+        target weren't prepared.
+
+        Args:
+            target: (N, 3).
+            labels: (N, L), or None.
+            seed: chooses among its points.
+
+        Raises:
+            InvalidCloudError: a cloud that has no pose.
+        """
+        return PreparedTarget.of(target, labels, self._prepare, seed)
+
+    def register_many(
+        self,
+        pairs: Sequence[tuple[npt.ArrayLike, npt.ArrayLike | PreparedTarget]],
+        threads: int | None = None,
+        **options: Any,
+    ) -> list[RegistrationResult]:
+        """Register (source, target) pairs side by side; the answers are those of ``register``.
+
+        Args:
+            pairs: sources and targets.
+            threads: at once; None takes one a core.
+            **options: as for ``register``, the same for all pairs.
+
+        Raises:
+            InvalidCloudError: a cloud that has no pose.
+            InvalidOptionError: an option out of its range.
+        """
+        with ThreadPoolExecutor(max_workers=threads) as pool:
+            return list(pool.map(lambda pair: self.register(*pair, **options), pairs))
+
+    def _prepare(self, points: FloatArray, labels: FloatArray | None, seed: int) -> PreparedCloud:
+        settings = self.artifact.settings
+        return PreparedCloud.of(
+            points, labels, self._features, settings.points, settings.dense_points, seed
         )
-        spacing = max(median_spacing(torch.from_numpy(x)), median_spacing(torch.from_numpy(z)))
-        generator = torch.Generator().manual_seed(options.seed)
-        return cls(frame, x, z, T_initial, spacing, notes, generator)
+
+    def _features(self, x: Tensor) -> Tensor:
+        features: Tensor = self._encoder(x)
+        return features
+
+    def _encode(self, given: GivenPair, options: Options) -> Pair:
+        return Pair.of(given, self._prepare, options.seed)
+
+    def _hypothesise(self, pair: Pair, options: Options) -> Start:
+        return hypothesise(
+            pair.target.function,
+            pair.source.function,
+            self._groups,
+            pair.sparse_spacing,
+            pair.initial(options.initial),
+            options.max_rotation_deg,
+            self.artifact.settings.hypotheses_for(options.search),
+            options.seed,
+        )
+
+    def _search(self, pair: Pair, start: Start, options: Options) -> Candidates:
+        return refine(
+            start,
+            pair.target.sparse,
+            pair.source.sparse,
+            self.artifact.settings.search,
+            self._judge,
+            options.max_rotation_deg,
+            options.seed,
+            options.deadline.passed,
+        )
+
+    def _solve(self, pair: Pair, start: Start, candidates: Candidates, options: Options) -> Solved:
+        """Solve from the best candidate; the caller's guess stands where it is judged better."""
+        stage = last_stage(self.artifact.settings, options.solver, self._kernel)
+        best = candidates.hypotheses.T_target_source[0].double().numpy()
+        solved = stage.solve(pair.target, pair.source, best, options.deadline.passed)
+        guess = pair.initial(options.initial)
+        if guess is not None:
+            both = np.stack([solved.T_target_source, guess.numpy()])
+            evidence = evidence_at(both, start, pair.target.sparse, pair.source.sparse)
+            ours, theirs = self._judge(evidence)
+            if theirs > ours:
+                return stage.solve(pair.target, pair.source, both[1], always)
+        return solved
+
+    def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
+        return RegistrationResult(
+            pair.frame.pose_out(found.T_target_source), found.diagnostics(stopwatch.seconds())
+        )

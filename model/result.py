@@ -40,11 +40,13 @@ class RunnerUp:
         T_target_source: 4×4, in the input's unit.
         similarity: ρ there, at ℓ̂.
         rotation_from_answer_deg: angle between it and the answer.
+        log_odds: of its being right, by the judge that chose the answer.
     """
 
     T_target_source: list[list[float]]
     similarity: float
     rotation_from_answer_deg: float
+    log_odds: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,11 +56,16 @@ class Diagnostics:
     Lengths are in the input's unit, angles in degrees.
 
     Attributes:
-        rkhs_distance: d(f_X, f_hZ) at the answer, the paper's objective.
+        success_probability: that the pose is right, calibrated on pairs made for that; None for an
+            artifact that has no verifier.
+        margin: by how much the judge's log-odds of the answer exceed those of the best runner-up;
+            None where there is no other.
+        rkhs_distance: d(f_X, f_hZ) at the answer, on the kernel that the solver used.
         similarity: ρ = ⟨X,hZ⟩ / √(⟨X,X⟩⟨Z,Z⟩) at the answer; 1 for equal functions.
         lengthscale: ℓ̂.
         iterations: steps of the inner loop that led to the answer.
         converged: whether its last step was below the tolerance.
+        deadline_reached: whether the time limit or the caller ended the search or the solver.
         overlap_source: share of source points with a target point within ``inlier_distance``.
         overlap_target: the same, of the target's points.
         inlier_distance: the distance that counts as overlap.
@@ -71,20 +78,23 @@ class Diagnostics:
         runner_ups: the next best poses, best first.
         hypotheses: start poses tried.
         won_by: kind of the start pose that led to the answer: ``initial``, ``identity``,
-            ``matched`` (by features) or ``grid``.
-        solver: name of the inner loop.
-        points_source: source points the solver used.
-        points_target: target points the solver used.
+            ``consensus`` (three matches by features), ``matched`` (one match) or ``grid``.
+        solver: name of the last stage.
+        points_source: source points of the last stage.
+        points_target: target points of the last stage.
         seconds: wall time by stage, and ``total``.
         warnings: what a careful user would want to know, in plain words.
         trace: the inner loop's steps, from the start pose to the answer.
     """
 
+    success_probability: float | None
+    margin: float | None
     rkhs_distance: float
     similarity: float
     lengthscale: float
     iterations: int
     converged: bool
+    deadline_reached: bool
     overlap_source: float
     overlap_target: float
     inlier_distance: float

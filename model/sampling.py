@@ -1,4 +1,4 @@
-"""Fewer points of a cloud: random subsets and farthest-point sampling, both seeded."""
+"""Fewer points of a cloud: voxel means, and subsets that no order of the points changes."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-# Farthest-point sampling costs (points × samples); a random subset of this size comes first.
-_CANDIDATES = 20_000
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+
+_VOXEL_ROUNDS = 4
+# The odd multiplier of a Weyl sequence; its products are spread evenly.
+_SPREAD = 0.6180339887498949
 
 
 def farthest_point_sample(points: Tensor, n: int, seed: int) -> Tensor:
@@ -31,31 +35,61 @@ def farthest_point_sample(points: Tensor, n: int, seed: int) -> Tensor:
     return index
 
 
-def reduce_points(
-    points: npt.NDArray[np.float64], n: int, seed: int
-) -> tuple[npt.NDArray[np.int64], str]:
-    """Choose the points that the solver works on.
+def scattered_subset(points: FloatArray, n: int, seed: int) -> IntArray:
+    """Sorted indices of ``n`` points, as if drawn at random, but the same for any order of them.
+
+    Each point draws its lot from its own coordinates.
 
     Args:
-        points: (N, 3), centred.
-        n: at most this many are kept; a smaller cloud is kept whole.
-        seed: of the random subset and of the farthest-point sampling.
-
-    Returns:
-        sorted indices, and the way they were chosen: ``all`` or ``farthest_point``.
+        points: (N, 3), about the unit sphere.
+        n: at most this many; a smaller cloud is kept whole.
+        seed: other seeds draw other lots.
     """
     if len(points) <= n:
-        return np.arange(len(points), dtype=np.int64), "all"
-    candidates = np.arange(len(points), dtype=np.int64)
-    if len(points) > _CANDIDATES:
-        rng = np.random.default_rng(seed)
-        candidates = np.sort(rng.choice(len(points), _CANDIDATES, replace=False))
-    chosen = farthest_point_sample(torch.from_numpy(points[candidates]).float(), n, seed)
-    return np.sort(candidates[chosen.numpy()]), "farthest_point"
+        return np.arange(len(points), dtype=np.int64)
+    directions = np.random.default_rng(seed).normal(size=3)
+    lot = np.mod(points @ directions * 1e5 * _SPREAD, 1.0)
+    return np.sort(np.argsort(lot, kind="stable")[:n])
 
 
-def median_spacing(points: Tensor) -> float:
-    """Median distance from a point to its nearest other point, of (N, 3)."""
-    distance = torch.cdist(points, points, compute_mode="donot_use_mm_for_euclid_dist")
-    distance.fill_diagonal_(torch.inf)
-    return float(distance.amin(-1).median())
+def voxel_means(
+    points: FloatArray, labels: FloatArray | None, most: int
+) -> tuple[FloatArray, FloatArray | None, float]:
+    """The mean of the points in each occupied voxel, with voxels so large that few are occupied.
+
+    Args:
+        points: (N, 3) centred.
+        labels: (N, L) that are averaged alike, or None.
+        most: at most this many voxels are occupied, and hardly fewer than two thirds of that.
+
+    Returns:
+        means (V, 3), their labels (V, L) or None, and the edge of a voxel.
+    """
+    low = points.min(axis=0)
+    extent = float((points.max(axis=0) - low).max())
+    # A surface occupies about (extent / edge)² voxels.
+    edge = extent / np.sqrt(most)
+    for _ in range(_VOXEL_ROUNDS):
+        voxel = _voxel_of(points, low, edge)
+        _, rows = np.unique(voxel, return_inverse=True)
+        count = int(rows.max()) + 1
+        if 0.66 * most <= count <= most:
+            break
+        edge *= float(np.sqrt(count / (0.85 * most)))
+    if count > most:
+        _, rows = np.unique(_voxel_of(points, low, 1.3 * edge), return_inverse=True)
+        edge *= 1.3
+    means = _means(points, rows)
+    return means, None if labels is None else _means(labels, rows), float(edge)
+
+
+def _voxel_of(points: FloatArray, low: FloatArray, edge: float) -> IntArray:
+    cell = ((points - low) / edge).astype(np.int64)
+    shape = cell.max(axis=0) + 1
+    flat: IntArray = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    return flat
+
+
+def _means(values: FloatArray, rows: IntArray) -> FloatArray:
+    counts = np.bincount(rows)
+    return np.stack([np.bincount(rows, column) / counts for column in values.T], axis=1)

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 from model.exceptions import InvalidOptionError
 from model.inner_loop import GradientLoop, ProcrustesLoop
-from model.search.hypotheses import HypothesisSettings
-from model.search.multi_start import SearchLevel, SearchSettings
+from model.search.candidates import SearchLevel, SearchSettings
+from model.search.consensus import ConsensusSettings
+from model.search.grid_poses import GridLevel
+from model.search.hypothesise import HypothesisSettings
+from model.surface import SurfaceLoop
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,23 +21,37 @@ class RegistrarSettings:
 
     Attributes:
         solver: inner loop that is used unless the caller names one.
-        points: points of each cloud that the solver works on.
+        points: points of each cloud that are encoded and searched with.
+        dense_points: points of each cloud that the last stage works on.
         hypotheses: which start poses there are.
         search: of the global search.
-        procrustes: the closed-form inner loop of the last stage.
+        surface: Gauss–Newton and Newton steps on the surface kernel, as the last stage.
+        surface_features: whether the features take part in that.
+        procrustes: the closed-form inner loop, as the last stage.
         gradient: the paper's inner loop, as the last stage.
     """
 
-    solver: str = "procrustes"
-    points: int = 1024
+    solver: str = "surface"
+    points: int = 700
+    dense_points: int = 20_000
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    surface: SurfaceLoop = field(default_factory=SurfaceLoop)
+    surface_features: bool = True
     procrustes: ProcrustesLoop = field(
         default_factory=lambda: ProcrustesLoop(lengthscale=0.05, lengthscale_end=0.02)
     )
     gradient: GradientLoop = field(
         default_factory=lambda: GradientLoop(lengthscale=0.05, lengthscale_bounds=(0.02, 0.1))
     )
+
+    def hypotheses_for(self, search: str) -> HypothesisSettings:
+        """Start poses of a global search, or the guess alone for a local one."""
+        if search == "global":
+            return self.hypotheses
+        return replace(
+            self.hypotheses, identity=False, triplets=False, matches=0, grid_step_deg=0.0
+        )
 
     def as_dict(self) -> dict[str, Any]:
         """Plain values for JSON."""
@@ -50,9 +67,11 @@ class RegistrarSettings:
         values = dict(plain)
         try:
             if "hypotheses" in values:
-                values["hypotheses"] = HypothesisSettings(**values["hypotheses"])
+                values["hypotheses"] = _hypotheses(values["hypotheses"])
             if "search" in values:
                 values["search"] = _search(values["search"])
+            if "surface" in values:
+                values["surface"] = SurfaceLoop(**values["surface"])
             if "procrustes" in values:
                 values["procrustes"] = ProcrustesLoop(**values["procrustes"])
             if "gradient" in values:
@@ -72,7 +91,18 @@ class RegistrarSettings:
 
 def _search(plain: Mapping[str, Any]) -> SearchSettings:
     values = dict(plain)
-    for name in ("levels", "grid_levels"):
-        if name in values:
-            values[name] = [SearchLevel(**level) for level in values[name]]
+    if "levels" in values:
+        values["levels"] = [SearchLevel(**level) for level in values["levels"]]
     return SearchSettings(**values)
+
+
+def _hypotheses(plain: Mapping[str, Any]) -> HypothesisSettings:
+    values = dict(plain)
+    if "consensus" in values:
+        consensus = dict(values["consensus"])
+        if "tightening" in consensus:
+            consensus["tightening"] = tuple(consensus["tightening"])
+        values["consensus"] = ConsensusSettings(**consensus)
+    if "grid_levels" in values:
+        values["grid_levels"] = [GridLevel(**level) for level in values["grid_levels"]]
+    return HypothesisSettings(**values)

@@ -9,9 +9,6 @@ import numpy.typing as npt
 import torch
 from torch import Tensor
 
-from model.curvature import PoseCurvature
-from model.inner_loop.near_objective import NearPairs
-
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -20,7 +17,7 @@ class Uncertainty:
     """Of δ = (ρ, φ), T = Exp(δ) T̂ about the target's centroid, along the target's axes.
 
     Attributes:
-        covariance: (6, 6); ρ first, in the input's unit, then φ in radians.
+        covariance: (6, 6); ρ first, then φ in radians.
         information: (6, 6), its inverse.
     """
 
@@ -28,43 +25,46 @@ class Uncertainty:
     information: FloatArray
 
     @classmethod
-    def of(
-        cls, pairs: NearPairs, targets: int, T: Tensor, lengthscale: Tensor, scale: float
-    ) -> Uncertainty:
-        """Sandwich estimate at the answer.
+    def sandwich(cls, stiffness: FloatArray, spread: FloatArray) -> Uncertainty:
+        """A⁻¹BA⁻¹: the covariance of where a sum over both samplings is largest.
 
-        The curvature A says how stiff ⟨X, hZ⟩ is, the spread B of the points' own pulls how much
-        they disagree; A⁻¹BA⁻¹ is the covariance of where their sum is largest. It is that of
-        clouds sampled independently of each other; clouds that share their points are known better.
+        It is that of clouds sampled independently of each other; clouds that share their points
+        are known better.
 
         Args:
-            pairs: near at the answer, a batch of one.
-            targets: number N of target points.
-            T: (1, 4, 4) in the normalised frame.
-            lengthscale: (1,).
-            scale: the frame's unit in the input's.
+            stiffness: (6, 6) A, how stiff the sum is: its negative Hessian.
+            spread: (6, 6) B, the variance of its gradient.
         """
-        curvature = PoseCurvature.of(pairs.double(), T.double(), lengthscale.double())
-        values, axes = torch.linalg.eigh(-curvature.hessian)
-        stiffest = float(values[-1].clamp_min(1e-30))
+        values, axes = np.linalg.eigh(stiffness)
+        stiffest = max(float(values[-1]), 1e-30)
         # An undetermined direction gets a large variance, not an infinite one.
-        stiffness = values.clamp_min(1e-4 * stiffest)
-        A_inverse = axes @ torch.diag(stiffness.reciprocal()) @ axes.T
-        B = _pull_spread(curvature.per_pair, pairs.index[0], targets)
-        C = A_inverse @ B @ A_inverse
-        unit = torch.diag(torch.tensor([scale] * 3 + [1.0] * 3, dtype=torch.float64))
-        covariance = (unit @ C @ unit).numpy()
-        return cls(
-            covariance=0.5 * (covariance + covariance.T),
-            information=np.linalg.pinv(covariance, hermitian=True),
-        )
+        inverse = (axes / np.maximum(values, 1e-4 * stiffest)) @ axes.T
+        return cls._of(inverse @ spread @ inverse)
+
+    def in_unit(self, scale: float) -> Uncertainty:
+        """The same with lengths in another unit, of which this one's is ``scale``."""
+        unit = np.diag([scale] * 3 + [1.0] * 3)
+        return self._of(unit @ self.covariance @ unit)
+
+    @classmethod
+    def _of(cls, covariance: FloatArray) -> Uncertainty:
+        symmetric = 0.5 * (covariance + covariance.T)
+        # Inverted between units that make its axes alike: metres and radians may differ greatly.
+        size = np.sqrt(np.maximum(np.diag(symmetric), 1e-300))
+        information = np.linalg.pinv(symmetric / np.outer(size, size), hermitian=True)
+        return cls(symmetric, information / np.outer(size, size))
 
 
-def _pull_spread(per_pair: Tensor, index: Tensor, targets: int) -> Tensor:
+def pull_spread(per_pair: Tensor, index: Tensor, targets: int) -> Tensor:
     """Variance of the summed pulls over both samplings, as of a two-sample U-statistic.
 
     Σ_j s_j s_jᵀ + Σ_i t_i t_iᵀ − Σ_ij p_ij p_ijᵀ: a pair belongs to one point of each cloud and
     would otherwise count twice.
+
+    Args:
+        per_pair: (M, k, 6).
+        index: (M, k) which of the target's points each is.
+        targets: number N of target points.
     """
     flat = per_pair.flatten(0, 1)
     by_source = per_pair.sum(1)

@@ -13,7 +13,6 @@ from model.encoder.neighbourhood import compact_neighbourhood, gaussian_neighbou
 from model.encoder.vector_neuron import FeatureScale, VNLeakyReLU, VNLinear, VNPointNorm
 from model.kernel.rkhs import squared_distances
 
-
 BallProfile = Literal["gaussian", "compact"]
 # A compact ball weighs points about as a Gaussian of this share of its radius does.
 _COMPACT_SIGMA = 1.0 / 2.6

@@ -29,8 +29,8 @@ class VNScales(nn.Module):
 
     def __init__(self, scales: Sequence[Mapping[str, Any]], **common: Any) -> None:
         super().__init__()
-        self.scales = nn.ModuleList(VNGraph(**{**common, **scale}) for scale in scales)
-        widths = {int(scale.channels_out) for scale in self.scales}
+        graphs = [VNGraph(**{**common, **scale}) for scale in scales]
+        widths = {graph.channels_out for graph in graphs}
         if len(widths) != 1:
             raise InvalidOptionError(
                 "every scale must have the same number of output channels",
@@ -38,7 +38,8 @@ class VNScales(nn.Module):
                 value=sorted(widths),
                 mend="give at least one scale, and channels_out once",
             )
-        self.groups = len(self.scales)
+        self.scales = nn.ModuleList(graphs)
+        self.groups = len(graphs)
         self.channels_out = self.groups * widths.pop()
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:

@@ -8,7 +8,7 @@ from typing import Any
 from model.exceptions import InvalidOptionError
 from model.inner_loop.gradient import GradientLoop
 from model.inner_loop.procrustes import ProcrustesLoop
-from model.inner_loop.solution import InnerLoop, Solution, Step
+from model.inner_loop.solution import InnerLoop, Solution, Step, Stop, never
 
 INNER_LOOPS: dict[str, Callable[..., InnerLoop]] = {
     "procrustes": ProcrustesLoop,
@@ -51,5 +51,7 @@ __all__ = [
     "ProcrustesLoop",
     "Solution",
     "Step",
+    "Stop",
     "build_inner_loop",
+    "never",
 ]

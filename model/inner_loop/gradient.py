@@ -9,7 +9,7 @@ from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.inner_loop.objective import DenseObjective, Objective
-from model.inner_loop.solution import Solution, Step
+from model.inner_loop.solution import Solution, Step, Stop, never
 from model.kernel import InnerProducts, RkhsKernel
 from model.kernel.moments import lengthscale_gradient, pose_gradient
 from model.se3 import retract
@@ -51,7 +51,9 @@ class GradientLoop:
         """See InnerLoop.solve."""
         return self.minimise(DenseObjective(kernel, target, source), T_target_source)
 
-    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
+    def minimise(
+        self, objective: Objective, T_target_source: Tensor, stop: Stop = never
+    ) -> Solution:
         """See InnerLoop.minimise."""
         T = T_target_source
         ell = T.new_full((len(T),), self.lengthscale)
@@ -59,6 +61,8 @@ class GradientLoop:
         active = torch.ones_like(ell, dtype=torch.bool)
         steps: list[Step] = []
         for _ in range(self.iterations):
+            if stop():
+                break
             descent = DistanceGradient.of(objective, T, ell)
             rate = self.learning_rate * ell.square()
             velocity = self.momentum * velocity - rate[:, None] * descent.pose

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.inner_loop.objective import DenseObjective, Objective
-from model.inner_loop.solution import Solution, Step
+from model.inner_loop.solution import Solution, Step, Stop, never
 from model.kernel import InnerProducts, RkhsKernel
 from model.kernel.moments import PoseMoments
 from model.se3 import closest_rotation, pose_log, pose_matrix, retract
@@ -56,7 +56,9 @@ class ProcrustesLoop:
         """See InnerLoop.solve."""
         return self.minimise(DenseObjective(kernel, target, source), T_target_source)
 
-    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
+    def minimise(
+        self, objective: Objective, T_target_source: Tensor, stop: Stop = never
+    ) -> Solution:
         """See InnerLoop.minimise."""
         T = T_target_source
         steps: list[Step] = []
@@ -64,13 +66,15 @@ class ProcrustesLoop:
             ell = T.new_full((len(T),), level)
             last = level == self.lengthscale_end
             count = self.final_steps if last else self.steps_per_level
-            climb = self._climb(objective, T, ell, count)
+            climb = self._climb(objective, T, ell, count, stop)
             T = climb.T_target_source
             if self.record:
                 xx, zz = (own.mass for own in objective.own_moments(ell))
                 steps += [
                     Step.of(ell, InnerProducts(xx, zz, xz), delta) for xz, delta in climb.steps
                 ]
+            if stop():
+                break
         return Solution(T, ell, climb.converged, steps)
 
     def lengthscales(self) -> list[float]:
@@ -81,7 +85,9 @@ class ProcrustesLoop:
             level *= self.anneal
         return [*levels, self.lengthscale_end]
 
-    def _climb(self, objective: Objective, T: Tensor, ell: Tensor, count: int) -> _Climb:
+    def _climb(
+        self, objective: Objective, T: Tensor, ell: Tensor, count: int, stop: Stop
+    ) -> _Climb:
         """Guarded, stretched steps at one ℓ."""
         steps: list[tuple[Tensor, Tensor]] = []
         value, delta = _propose(objective, T, ell)
@@ -89,7 +95,7 @@ class ProcrustesLoop:
         for _ in range(count):
             size = delta.detach().norm(dim=-1)
             steps.append((value, factor[:, None] * delta))
-            if bool((size <= self.tolerance).all()):
+            if bool((size <= self.tolerance).all()) or stop():
                 break
             T_try = retract(T, factor[:, None] * delta)
             value_try, delta_try = _propose(objective, T_try, ell)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -10,6 +11,13 @@ from torch import Tensor
 from model.cloud_function import CloudFunction
 from model.inner_loop.objective import Objective
 from model.kernel import InnerProducts, RkhsKernel
+
+Stop = Callable[[], bool]
+
+
+def never() -> bool:
+    """The answer of somebody who has time."""
+    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,6 +85,11 @@ class InnerLoop(Protocol):
         """
         ...
 
-    def minimise(self, objective: Objective, T_target_source: Tensor) -> Solution:
-        """Solve a batch on any objective, from start poses (B, 4, 4)."""
+    def minimise(
+        self, objective: Objective, T_target_source: Tensor, stop: Stop = never
+    ) -> Solution:
+        """Solve a batch on any objective, from start poses (B, 4, 4).
+
+        ``stop`` is asked between steps; the answer is then the best so far.
+        """
         ...

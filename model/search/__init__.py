@@ -1,8 +1,8 @@
-"""Global search: start poses, kernel fields, pruning and selection."""
+"""Global search: start poses, and the few of them worth solving."""
 
-from model.search.hypotheses import KINDS, Hypotheses, HypothesisSettings, hypothesise, within
-from model.search.multi_start import Candidates, SearchSettings, coarse_to_fine
-from model.search.selection import selection_score
+from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
+from model.search.hypotheses import KINDS, Hypotheses, within
+from model.search.hypothesise import HypothesisSettings, Start, hypothesise
 
 __all__ = [
     "KINDS",
@@ -10,8 +10,9 @@ __all__ = [
     "Hypotheses",
     "HypothesisSettings",
     "SearchSettings",
-    "coarse_to_fine",
+    "Start",
+    "evidence_at",
     "hypothesise",
-    "selection_score",
+    "refine",
     "within",
 ]

@@ -12,7 +12,6 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 import torch
-from torch import Tensor
 
 from model.compiled import compiled
 from model.search.hypotheses import distinct
@@ -65,10 +64,12 @@ class Consensus:
     Attributes:
         T_target_source: (K, 4, 4) float64.
         support: (K,) matches that agree, each by a Gaussian of its distance.
+        tried: triplets that were judged.
     """
 
     T_target_source: FloatArray
     support: FloatArray
+    tried: int
 
 
 def consensus(
@@ -83,7 +84,7 @@ def consensus(
         seed: of the draws.
     """
     if len(matches.x) < 3:
-        return Consensus(np.zeros((0, 4, 4)), np.zeros(0))
+        return Consensus(np.zeros((0, 4, 4)), np.zeros(0), 0)
     T, score = _triplet_poses(
         matches.x,
         matches.z,
@@ -94,7 +95,7 @@ def consensus(
         seed,
     )
     if len(T) == 0:
-        return Consensus(np.zeros((0, 4, 4)), np.zeros(0))
+        return Consensus(T, score, 0)
     best = distinct(
         torch.from_numpy(T).float(),
         torch.from_numpy(score),
@@ -102,11 +103,20 @@ def consensus(
         _SAME_ANGLE_DEG,
         _SAME_DISTANCE * spacing,
     )
-    fitted, support = _fitted(
+    tighter, support = _fitted(
         T[best.numpy()], matches.x, matches.z, np.array(settings.tightening) * spacing
     )
     order = np.argsort(-support, kind="stable")
-    return Consensus(fitted[order], support[order])
+    return Consensus(tighter[order], support[order], len(T))
+
+
+def fitted(
+    T: FloatArray, matches: MatchedPoints, spacing: float, settings: ConsensusSettings
+) -> FloatArray:
+    """Poses (K, 4, 4) moved to where the matches that agree with them want them."""
+    if len(T) == 0 or len(matches.x) == 0:
+        return T
+    return _fitted(T, matches.x, matches.z, np.array(settings.tightening) * spacing)[0]
 
 
 def support_of(T: FloatArray, matches: MatchedPoints, reach: float) -> FloatArray:
@@ -127,7 +137,7 @@ def _triplet_poses(
     seed: int,
 ) -> tuple[FloatArray, FloatArray]:
     """Poses (K, 4, 4) of random triplets with equal edges, and their scores (K,)."""
-    np.random.seed(seed % 4294967296)
+    np.random.seed(seed % 4294967296)  # noqa: NPY002  compiled code has no other generator
     n = len(x)
     T = np.zeros((count, 4, 4))
     score = np.zeros(count)
@@ -136,10 +146,10 @@ def _triplet_poses(
     for _ in range(count * _DRAWS):
         if found == count:
             break
-        a, b = np.random.randint(n), np.random.randint(n)
+        a, b = np.random.randint(n), np.random.randint(n)  # noqa: NPY002
         if not _edges_agree(x, z, a, b, edge, tolerance):
             continue
-        c = np.random.randint(n)
+        c = np.random.randint(n)  # noqa: NPY002
         if not _edges_agree(x, z, a, c, edge, tolerance):
             continue
         if not _edges_agree(x, z, b, c, edge, tolerance):
@@ -182,9 +192,7 @@ def _triangle_frame(a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatA
     """Axes (3, 3) along ab, within the triangle and across it, and twice its area over |ab|."""
     u, v = b - a, c - a
     u = u / math.sqrt(u[0] * u[0] + u[1] * u[1] + u[2] * u[2])
-    n = np.array(
-        [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    )
+    n = np.array([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
     height = math.sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2])
     n = n / (height + 1e-12)
     F = np.empty((3, 3))

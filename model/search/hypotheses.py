@@ -9,12 +9,9 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from model.cloud_function import CloudFunction
-from model.se3 import pose_matrix, rotation_angle
-from model.search.matching import matched_poses
-from model.search.so3_grid import so3_grid
+from model.se3 import rotation_angle
 
-KINDS = ("initial", "identity", "matched", "grid")
+KINDS = ("initial", "identity", "consensus", "matched", "grid")
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,61 +54,6 @@ class Hypotheses:
     def moved_to(self, T_target_source: Tensor) -> Hypotheses:
         """The same hypotheses after refinement."""
         return Hypotheses(T_target_source, self.kind)
-
-
-@dataclass(frozen=True, slots=True)
-class HypothesisSettings:
-    """Which start poses there are; each source can be switched off.
-
-    Attributes:
-        matches: poses from matched features at most; 0 for none.
-        grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
-        identity: whether no motion at all is a start pose.
-    """
-
-    matches: int = 1000
-    grid_step_deg: float = 30.0
-    identity: bool = True
-
-
-def hypothesise(
-    target: CloudFunction,
-    source: CloudFunction,
-    T_initial: Tensor | None,
-    max_rotation_deg: float,
-    settings: HypothesisSettings,
-) -> Hypotheses:
-    """The caller's guess, no motion, matched features, and a grid with centroid on centroid.
-
-    Args:
-        target: (1, N, …) in the normalised frame.
-        source: (1, M, …) in the normalised frame.
-        T_initial: (4, 4) in the normalised frame, or None.
-        max_rotation_deg: how far from the guess's rotation, or from none, a hypothesis may turn.
-        settings: which sources there are.
-
-    Returns:
-        at least one; the caller's guess, or else the identity, comes first.
-    """
-    dtype = target.points.dtype
-    identity = torch.eye(4, dtype=dtype)
-    centre = identity if T_initial is None else T_initial.to(dtype)
-    parts = []
-    if T_initial is not None:
-        parts.append(Hypotheses.of_kind("initial", centre[None]))
-    if settings.identity or T_initial is None:
-        parts.append(Hypotheses.of_kind("identity", identity[None]))
-    if settings.matches:
-        matched = matched_poses(target, source, settings.matches)
-        parts.append(Hypotheses.of_kind("matched", matched))
-    if settings.grid_step_deg:
-        grid = so3_grid(settings.grid_step_deg, max_rotation_deg).to(dtype) @ centre[:3, :3]
-        onto = pose_matrix(grid, torch.zeros(len(grid), 3, dtype=dtype))
-        parts.append(Hypotheses.of_kind("grid", onto))
-    every = Hypotheses.joined(parts)
-    allowed = within(every, centre[:3, :3], max_rotation_deg)
-    allowed[0] = True
-    return every.select(allowed)
 
 
 def within(hypotheses: Hypotheses, R_centre: Tensor, max_rotation_deg: float) -> Tensor:

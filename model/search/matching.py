@@ -2,11 +2,36 @@
 
 from __future__ import annotations
 
+import numpy as np
 import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.se3 import closest_rotation, pose_matrix
+from model.search.consensus import MatchedPoints
+
+
+def matched_points(target: CloudFunction, source: CloudFunction, groups: int) -> MatchedPoints:
+    """Pairs of points that are each other's likest by FᵀF, the groups of channels by themselves.
+
+    Args:
+        target: (1, N, …).
+        source: (1, M, …).
+        groups: of channels; with none there are no matches.
+    """
+    rows, columns = [], []
+    if groups and target.features.shape[-1]:
+        for f, g in zip(target.grouped(groups), source.grouped(groups), strict=True):
+            likeness = invariants(f)[0] @ invariants(g)[0].T
+            forth, back = likeness.argmax(1), likeness.argmax(0)
+            mutual = torch.nonzero(back[forth] == torch.arange(len(forth)))[:, 0]
+            rows.append(mutual)
+            columns.append(forth[mutual])
+    if not rows:
+        return MatchedPoints(np.zeros((0, 3)), np.zeros((0, 3)))
+    x = target.points[0, torch.cat(rows)].double().numpy()
+    z = source.points[0, torch.cat(columns)].double().numpy()
+    return MatchedPoints(x, z)
 
 
 def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> Tensor:
@@ -42,20 +67,7 @@ def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> T
 
 def invariants(cloud: CloudFunction) -> Tensor:
     """Upper triangle of FᵀF, normalised, (B, N, C(C+1)/2): the features without their direction."""
-    return _gram(cloud.features)
-
-
-def grouped_invariants(cloud: CloudFunction, groups: int) -> list[Tensor]:
-    """The invariants of each group of channels by itself; an encoder of several scales has several.
-
-    Args:
-        cloud: (B, N, …).
-        groups: how many; the channels are divided evenly.
-    """
-    return [_gram(f) for f in cloud.features.chunk(groups, dim=-1)]
-
-
-def _gram(f: Tensor) -> Tensor:
+    f = cloud.features
     rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
     gram = (f.transpose(-1, -2) @ f)[..., rows, columns]
     return torch.nn.functional.normalize(gram, dim=-1)

@@ -8,10 +8,27 @@ import torch
 from torch import Tensor
 
 from model.se3 import closest_rotation, pose_matrix
+from model.search.hypotheses import distinct
 
 # Two poses within about these of each other name the same one.
 ANGLE_DEG = 15.0
 DISTANCE = 0.15
+# The distance is meant for clouds of about this spacing; it is stretched for sparser ones.
+_REFERENCE_SPACING = 0.1
+
+
+def voted_poses(T: Tensor, keep: int, spacing: float) -> Tensor:
+    """The poses among (V, 4, 4) that most others stand near, each the mean of those, (K, 4, 4).
+
+    Args:
+        T: candidates and voters alike.
+        keep: at most this many, best first.
+        spacing: of the clouds.
+    """
+    resolution = max(1.0, spacing / _REFERENCE_SPACING)
+    votes = support(T, T, resolution)
+    best = distinct(T, votes, keep, ANGLE_DEG, DISTANCE * resolution)
+    return consensus(T[best], T, resolution)
 
 
 def support(T: Tensor, voters: Tensor, resolution: float = 1.0) -> Tensor:

@@ -69,9 +69,9 @@ def runs_around(cells: Cells, y0: float, y1: float, y2: float, runs: IntArray) -
         how many runs there are.
     """
     shape = cells.shape
-    q0 = int(math.floor((y0 - cells.low[0]) / cells.size))
-    q1 = int(math.floor((y1 - cells.low[1]) / cells.size))
-    q2 = int(math.floor((y2 - cells.low[2]) / cells.size))
+    q0 = math.floor((y0 - cells.low[0]) / cells.size)
+    q1 = math.floor((y1 - cells.low[1]) / cells.size)
+    q2 = math.floor((y2 - cells.low[2]) / cells.size)
     first, last = max(0, q2 - 1), min(shape[2] - 1, q2 + 1)
     count = 0
     if last < first:

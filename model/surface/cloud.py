@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from model.surface.cells import Cells, FloatArray, cells_of
 from model.surface.moments import SurfaceArrays
-from model.surface.patches import Patches
+from model.surface.patches import Patches, surface_spacing
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,7 @@ class SurfaceCloud:
         cls,
         points: FloatArray,
         features: npt.NDArray[np.float32] | None = None,
+        labels: FloatArray | None = None,
         weights: FloatArray | None = None,
         spacing: float | None = None,
     ) -> SurfaceCloud:
@@ -51,6 +52,7 @@ class SurfaceCloud:
         Args:
             points: (N, 3).
             features: (N, 3, C), or none.
+            labels: (N, L), or none.
             weights: (N,) what each point counts; 1 when left out.
             spacing: if it is known already.
         """
@@ -60,8 +62,10 @@ class SurfaceCloud:
             if features is None
             else np.ascontiguousarray(features, np.float32).reshape(len(points), -1)
         )
+        traits = np.zeros((len(points), 0)) if labels is None else labels
         counts = np.ones(len(points)) if weights is None else weights
-        return cls(SurfaceArrays(points, patches.normals, flat, counts), patches.spacing)
+        arrays = SurfaceArrays(points, patches.normals, flat, traits, counts)
+        return cls(arrays, patches.spacing)
 
     def at(self, reach: float) -> CellView:
         """The cloud in cells as large as ``reach``; made once."""
@@ -72,14 +76,21 @@ class SurfaceCloud:
             self._views[reach] = view
         return view
 
-    def select(self, index: npt.NDArray[np.int64]) -> SurfaceArrays:
-        """Some of its points."""
-        return ordered(self.arrays, index)
+    def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
+        """Some of its points, with the normals they have among all."""
+        spacing = self.spacing
+        if len(index) < len(self.arrays.points):
+            spacing = surface_spacing(self.arrays.points[index])
+        return SurfaceCloud(ordered(self.arrays, index), spacing)
+
+    def with_features(self, features: npt.NDArray[np.float32]) -> SurfaceCloud:
+        """The same with features (N, 3, C)."""
+        flat = np.ascontiguousarray(features, np.float32).reshape(len(features), -1)
+        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing)
 
     def without_features(self) -> SurfaceCloud:
-        """The geometry alone."""
-        bare = self.arrays._replace(features=self.arrays.features[:, :0])
-        return SurfaceCloud(bare, self.spacing)
+        """The geometry and the labels alone."""
+        return self.with_features(np.zeros((len(self.arrays.points), 3, 0), np.float32))
 
 
 def ordered(arrays: SurfaceArrays, index: npt.NDArray[np.int64]) -> SurfaceArrays:
@@ -88,5 +99,6 @@ def ordered(arrays: SurfaceArrays, index: npt.NDArray[np.int64]) -> SurfaceArray
         np.ascontiguousarray(arrays.points[index]),
         np.ascontiguousarray(arrays.normals[index]),
         np.ascontiguousarray(arrays.features[index]),
+        np.ascontiguousarray(arrays.labels[index]),
         np.ascontiguousarray(arrays.weights[index]),
     )

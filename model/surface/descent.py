@@ -72,7 +72,8 @@ def newton_step(stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
     for a in range(3):
         H[a, a] += _DAMPING * shift + 1e-30
         H[a + 3, a + 3] += _DAMPING * turn + 1e-30
-    return np.linalg.solve(H, gradient)
+    delta: FloatArray = np.linalg.solve(H, gradient)
+    return delta
 
 
 @compiled

@@ -2,7 +2,7 @@
 
 The kernel of two points x and y = R z + t with normals n and m = R n_z, d = x − y, is
 
-    k = κ(f · R g) (n·m)² ½ [exp(−½ dᵀΛ(n)d) + exp(−½ dᵀΛ(m)d)],
+    k = ⟨l_x, l_z⟩ κ(f · R g) (n·m)² ½ [exp(−½ dᵀΛ(n)d) + exp(−½ dᵀΛ(m)d)],
     Λ(n) = (I − nnᵀ)/ℓ² + nnᵀ/ℓ_n²:
 
 the paper's kernel with a metric that is stiffer across the surface than along it, seen from both
@@ -31,12 +31,14 @@ class SurfaceArrays(NamedTuple):
         points: (N, 3).
         normals: (N, 3).
         features: (N, 3C) float32, the three coordinates of all channels; C may be 0.
+        labels: (N, L) pose-invariant labels l(x_i); L = 0 stands for l = 1.
         weights: (N,) what each point counts.
     """
 
     points: FloatArray
     normals: FloatArray
     features: npt.NDArray[np.float32]
+    labels: FloatArray
     weights: FloatArray
 
 
@@ -79,6 +81,7 @@ def surface_moments(
     a_normal = 1.0 / (across * across) - a_iso
     width = target.features.shape[1]
     channels = width // 3
+    traits = target.labels.shape[1]
     turned = np.empty(width, np.float32)
     pull = np.zeros(width)
     runs = np.empty((9, 2), np.int64)
@@ -128,6 +131,11 @@ def surface_moments(
                 q = m0 * d0 + m1 * d1 + m2 * d2
                 iso = distance2 * a_iso
                 both = 0.5 * weight * target.weights[p]
+                if traits:
+                    c_xz = 0.0
+                    for c in range(traits):
+                        c_xz += target.labels[p, c] * source.labels[j, c]
+                    both *= c_xz
                 w = both * math.exp(-0.5 * (iso + r * r * a_normal))
                 o = both * math.exp(-0.5 * (iso + q * q * a_normal))
                 if width:

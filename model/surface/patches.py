@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from model.compiled import compiled
@@ -51,14 +50,14 @@ class Patches:
 
 
 def surface_spacing(points: FloatArray) -> float:
-    """√(area a point), from the distance to the sixth neighbour; robust to clumps, unlike the first.
+    """√(area a point), from the distance to the sixth neighbour: clumps don't mislead it.
 
     Args:
         points: (N, 3), at least 2.
     """
     k = min(_NEIGHBOUR, len(points) - 1)
-    distance, _ = KDTree(points).query(points, k=k + 1)
-    return float(np.median(distance[:, -1]) * math.sqrt(math.pi / k))
+    distance = np.asarray(KDTree(points).query(points, k=[k + 1])[0])
+    return float(np.median(distance) * math.sqrt(math.pi / k))
 
 
 @compiled
@@ -86,7 +85,11 @@ def _normals(cells: Cells, reach: float, sigma: float) -> FloatArray:
         if near < _FEWEST:
             continue
         s0, s1, s2 = s0 / w_sum, s1 / w_sum, s2 / w_sum
-        C[0, 0], C[1, 1], C[2, 2] = c00 / w_sum - s0 * s0, c11 / w_sum - s1 * s1, c22 / w_sum - s2 * s2
+        C[0, 0], C[1, 1], C[2, 2] = (
+            c00 / w_sum - s0 * s0,
+            c11 / w_sum - s1 * s1,
+            c22 / w_sum - s2 * s2,
+        )
         C[0, 1] = C[1, 0] = c01 / w_sum - s0 * s1
         C[0, 2] = C[2, 0] = c02 / w_sum - s0 * s2
         C[1, 2] = C[2, 1] = c12 / w_sum - s1 * s2

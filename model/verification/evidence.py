@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from model.compiled import compiled
 from model.surface.cells import Cells, FloatArray, runs_around
@@ -44,6 +45,10 @@ class Evidence:
     """
 
     values: FloatArray
+
+    def select(self, rows: npt.NDArray[np.int64]) -> Evidence:
+        """Some of the poses."""
+        return Evidence(self.values[rows])
 
     @classmethod
     def of(
@@ -135,9 +140,9 @@ def _one_side(
         x0, x1, x2 = fixed.normals[at, 0], fixed.normals[at, 1], fixed.normals[at, 2]
         d0, d1, d2 = fixed.points[at, 0] - y0, fixed.points[at, 1] - y1, fixed.points[at, 2] - y2
         dot = abs(x0 * m0 + x1 * m1 + x2 * m2)
-        above = 0.5 * (
-            abs(x0 * d0 + x1 * d1 + x2 * d2) + abs(m0 * d0 + m1 * d1 + m2 * d2)
-        ) / spacing
+        above = (
+            0.5 * (abs(x0 * d0 + x1 * d1 + x2 * d2) + abs(m0 * d0 + m1 * d1 + m2 * d2)) / spacing
+        )
         facing += dot
         height += above
         if dot > _FACING and above < _ABOVE:

@@ -90,6 +90,7 @@ class MatchingContrast(nn.Module):
         points: points of each cloud that are compared.
         neighbourhood: points this close in the aligned frame count as the same.
         temperature: initial factor of the likeness in the softmax; learned.
+        groups: of channels that are matched each by itself, as an encoder of several scales has.
     """
 
     def __init__(
@@ -99,6 +100,7 @@ class MatchingContrast(nn.Module):
         points: int = 400,
         neighbourhood: float = 0.05,
         temperature: float = 10.0,
+        groups: int = 1,
     ) -> None:
         super().__init__()
         self.likeness = likeness
@@ -106,14 +108,25 @@ class MatchingContrast(nn.Module):
         self.points = points
         self.neighbourhood = neighbourhood
         self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))
+        self.groups = groups
 
     def forward(self, alignment: Alignment) -> Tensor:
-        """Scalar cross entropy."""
+        """Scalar cross entropy, the mean over the groups."""
         a = alignment.thinned(self.points)
         moved = a.source_at(a.T_made if self.uses_made_transform else a.T_solved.detach())
-        logits = self.log_temperature.exp() * self.likeness(a.target, moved)
         weight = _weight(a, self.uses_made_transform)
-        return matching_cross_entropy(a.target, moved, logits, self.neighbourhood, weight)
+        targets, sources = a.target.grouped(self.groups), moved.grouped(self.groups)
+        entropies = [
+            matching_cross_entropy(
+                target,
+                source,
+                self.log_temperature.exp() * self.likeness(target, source),
+                self.neighbourhood,
+                weight,
+            )
+            for target, source in zip(targets, sources, strict=True)
+        ]
+        return torch.stack(entropies).mean()
 
 
 def feature_likeness(target: CloudFunction, moved: CloudFunction) -> Tensor:

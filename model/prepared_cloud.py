@@ -1,0 +1,88 @@
+"""A cloud ready to be registered: reduced, with its normals, encoded."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+import torch
+from scipy.spatial import KDTree
+from torch import Tensor
+
+from model.cloud_function import CloudFunction
+from model.sampling import FloatArray, IntArray, scattered_subset, voxel_means
+from model.surface import SurfaceCloud
+
+Encode = Callable[[Tensor], Tensor]
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedCloud:
+    """One cloud of a pair, in the frame it is solved in.
+
+    Attributes:
+        dense: up to ``dense_points`` points for the last stage.
+        sparse: up to ``points`` of them for the search, with the encoder's features.
+        function: the same points as ``sparse`` in the RKHS of the paper's kernel.
+        note: how the cloud was reduced, in words; empty where it wasn't.
+    """
+
+    dense: SurfaceCloud
+    sparse: SurfaceCloud
+    function: CloudFunction
+    note: str
+
+    @classmethod
+    def of(
+        cls,
+        points: FloatArray,
+        labels: FloatArray | None,
+        encode: Encode,
+        most: int,
+        most_dense: int,
+        seed: int,
+    ) -> PreparedCloud:
+        """Reduce, fit normals, encode.
+
+        Args:
+            points: (N, 3) in the frame.
+            labels: (N, L), or None.
+            encode: (1, n, 3) → (1, n, 3, C).
+            most: points for the search.
+            most_dense: points for the last stage.
+            seed: chooses among the points.
+        """
+        note = ""
+        if len(points) > most_dense:
+            given = len(points)
+            points, labels, _ = voxel_means(points, labels, most_dense)
+            note = f"{given:,} points reduced to {len(points):,} means of voxels"
+        dense = SurfaceCloud.of(points, labels=labels)
+        chosen = scattered_subset(points, most, seed)
+        function = _encoded(points[chosen], labels, chosen, encode)
+        features = function.features[0].numpy()
+        sparse = dense.select(chosen).with_features(features)
+        if len(chosen) < len(points):
+            # The nearest encoded point lends its vectors: they turn with the cloud as its own do.
+            _, nearest = KDTree(points[chosen]).query(points)
+            features = features[nearest]
+        return cls(dense.with_features(features), sparse, function, note)
+
+    @property
+    def nbytes(self) -> int:
+        """Memory that it holds."""
+        arrays: list[npt.NDArray[Any]] = [*self.dense.arrays, *self.sparse.arrays]
+        tensors = self.function.points.nbytes + self.function.features.nbytes
+        return int(sum(array.nbytes for array in arrays) + tensors)
+
+
+def _encoded(
+    points: FloatArray, labels: FloatArray | None, chosen: IntArray, encode: Encode
+) -> CloudFunction:
+    x = torch.from_numpy(np.ascontiguousarray(points)).float()[None]
+    traits = None if labels is None else torch.from_numpy(labels[chosen]).float()[None]
+    with torch.no_grad():
+        return CloudFunction.of(x, encode(x), labels=traits)

@@ -1,0 +1,133 @@
+"""Where the search starts: the caller's guess, no motion, poses that features name, and a grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from model.cloud_function import CloudFunction
+from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted, support_of
+from model.search.grid_poses import GridLevel, slid_grid
+from model.search.hypotheses import Hypotheses, within
+from model.search.matching import matched_points, matched_poses
+from model.search.voting import voted_poses
+
+
+def _grid_levels() -> list[GridLevel]:
+    return [GridLevel(0.25, 3), GridLevel(0.12, 3)]
+
+
+@dataclass(frozen=True, slots=True)
+class HypothesisSettings:
+    """Which start poses there are; each source can be switched off.
+
+    Attributes:
+        identity: whether no motion at all is a start pose.
+        consensus: poses of three matches each that others agree with; see ConsensusSettings.
+        triplets: whether there are any of those.
+        matches: poses from one match each that are put to the vote; 0 for none.
+        voted: most of those that are kept.
+        grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
+        grid_levels: how the grid's poses slide into the basins of wide kernels.
+        grid_kept: most of the grid's poses that are kept.
+        grid_below: the grid is searched only where fewer matches than this agree on any pose.
+    """
+
+    identity: bool = True
+    triplets: bool = True
+    consensus: ConsensusSettings = field(default_factory=ConsensusSettings)
+    matches: int = 400
+    voted: int = 6
+    grid_step_deg: float = 30.0
+    grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
+    grid_kept: int = 8
+    grid_below: float = 8.0
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Start poses, what speaks for them, and how many were looked at.
+
+    Attributes:
+        hypotheses: K poses; the caller's guess, or else the identity, comes first.
+        matches: pairs of points whose features look alike.
+        tried: poses that were looked at to find these.
+    """
+
+    hypotheses: Hypotheses
+    matches: MatchedPoints
+    tried: int
+
+
+def hypothesise(
+    target: CloudFunction,
+    source: CloudFunction,
+    groups: int,
+    spacing: float,
+    T_initial: Tensor | None,
+    max_rotation_deg: float,
+    settings: HypothesisSettings,
+    seed: int,
+) -> Start:
+    """Collect the start poses.
+
+    Args:
+        target: (1, N, …) in the normalised frame.
+        source: (1, M, …) in the normalised frame.
+        groups: of channels, which are matched each by itself.
+        spacing: of the clouds.
+        T_initial: (4, 4) in the normalised frame, or None.
+        max_rotation_deg: how far from the guess's rotation, or from none, a hypothesis may turn.
+        settings: which sources there are.
+        seed: of random draws.
+    """
+    identity = torch.eye(4)
+    centre = identity if T_initial is None else T_initial.float()
+    parts: list[Hypotheses] = []
+    if T_initial is not None:
+        parts.append(Hypotheses.of_kind("initial", centre[None]))
+    if settings.identity or T_initial is None:
+        parts.append(Hypotheses.of_kind("identity", identity[None]))
+    tried = len(parts)
+    uses_features = settings.triplets or settings.matches > 0
+    matches = matched_points(target, source, groups if uses_features else 0)
+    if settings.triplets:
+        agreed = consensus(matches, spacing, settings.consensus, seed)
+        parts.append(_of_features("consensus", agreed.T_target_source))
+        tried += agreed.tried
+    if settings.matches and len(matches.x):
+        single = matched_poses(target, source, settings.matches)
+        voted = voted_poses(single, settings.voted, spacing).double().numpy()
+        parts.append(_of_features("matched", fitted(voted, matches, spacing, settings.consensus)))
+        tried += len(single)
+    agreeing = max((_best_support(part, matches, spacing) for part in parts[1:]), default=0.0)
+    if settings.grid_step_deg and agreeing < settings.grid_below:
+        grid, seen = slid_grid(
+            target.points[0],
+            source.points[0],
+            centre[:3, :3],
+            settings.grid_step_deg,
+            max_rotation_deg,
+            settings.grid_levels,
+            settings.grid_kept,
+            spacing,
+        )
+        parts.append(Hypotheses.of_kind("grid", grid))
+        tried += seen
+    every = Hypotheses.joined(parts)
+    allowed = within(every, centre[:3, :3], max_rotation_deg)
+    allowed[0] = True
+    return Start(every.select(allowed), matches, tried)
+
+
+def _of_features(kind: str, T: np.ndarray) -> Hypotheses:
+    return Hypotheses.of_kind(kind, torch.from_numpy(T).float())
+
+
+def _best_support(part: Hypotheses, matches: MatchedPoints, spacing: float) -> float:
+    T = part.T_target_source.double().numpy()
+    return float(support_of(T, matches, spacing).max(initial=0.0))

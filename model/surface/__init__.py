@@ -1,0 +1,28 @@
+"""The surface kernel: the paper's kernel with a metric that knows which way the surface faces."""
+
+from model.surface.cells import Cells, cells_of
+from model.surface.cloud import CellView, SurfaceCloud
+from model.surface.curvature import SurfaceCurvature, newton_polish
+from model.surface.descent import descend
+from model.surface.moments import REACH, SurfaceArrays, SurfaceMoments, surface_moments
+from model.surface.patches import Patches, surface_spacing
+from model.surface.solver import SurfaceLoop, SurfaceSolution, surface_products
+
+__all__ = [
+    "REACH",
+    "CellView",
+    "Cells",
+    "Patches",
+    "SurfaceArrays",
+    "SurfaceCloud",
+    "SurfaceCurvature",
+    "SurfaceLoop",
+    "SurfaceMoments",
+    "SurfaceSolution",
+    "cells_of",
+    "descend",
+    "newton_polish",
+    "surface_moments",
+    "surface_products",
+    "surface_spacing",
+]

@@ -1,0 +1,207 @@
+"""Second derivatives of the surface kernel's sum on SE(3), and what the pose is worth."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.cloud import CellView
+from model.surface.descent import retracted
+from model.surface.moments import SurfaceArrays, surface_moments
+
+# The gradient is exact, so central differences of it are good to about the square of this.
+_STEP = 1e-5
+_TRIES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceCurvature:
+    """S(Exp(δ) T) to second order in δ = (ρ, φ).
+
+    Attributes:
+        value: S.
+        gradient: (6,).
+        hessian: (6, 6); negative definite at a maximum.
+    """
+
+    value: float
+    gradient: FloatArray
+    hessian: FloatArray
+
+    @classmethod
+    def of(
+        cls,
+        view: CellView,
+        source: SurfaceArrays,
+        T: FloatArray,
+        lengthscale: float,
+        across: float,
+        cut: float,
+    ) -> SurfaceCurvature:
+        """Differentiate at one pose; the arguments are those of ``surface_moments``."""
+        columns = []
+        for axis in range(6):
+            delta = np.zeros(6)
+            delta[axis] = _STEP
+            ahead, behind = (
+                surface_moments(
+                    view.cells,
+                    view.arrays,
+                    source,
+                    retracted(T, sign * delta),
+                    lengthscale,
+                    across,
+                    cut,
+                ).gradient
+                for sign in (1.0, -1.0)
+            )
+            columns.append((ahead - behind) / (2.0 * _STEP))
+        here = surface_moments(view.cells, view.arrays, source, T, lengthscale, across, cut)
+        H = np.stack(columns, 1)
+        return cls(here.value, here.gradient, 0.5 * (H + H.T))
+
+
+def newton_polish(
+    view: CellView,
+    source: SurfaceArrays,
+    T: FloatArray,
+    lengthscale: float,
+    across: float,
+    cut: float,
+    steps: int = 2,
+    tolerance: float = 1e-9,
+) -> tuple[FloatArray, SurfaceCurvature, bool]:
+    """Damped Newton steps to the maximum of S; no step that lowers it is taken.
+
+    Returns:
+        the pose (4, 4), the curvature before the last step, and whether it was below 1e-4.
+    """
+    curvature = SurfaceCurvature.of(view, source, T, lengthscale, across, cut)
+    small = False
+    for step in range(steps):
+        values, axes = np.linalg.eigh(-curvature.hessian)
+        # Directions along which the sum isn't concave get a short gradient step.
+        stiffness = np.maximum(np.abs(values), 1e-6 * np.abs(values).max() + 1e-30)
+        delta = axes @ ((axes.T @ curvature.gradient) / stiffness)
+        small = bool(np.linalg.norm(delta) < 1e-4)
+        if np.linalg.norm(delta) <= tolerance:
+            break
+        for _ in range(_TRIES):
+            T_try = retracted(T, delta)
+            there = surface_moments(
+                view.cells, view.arrays, source, T_try, lengthscale, across, cut
+            )
+            if there.value >= curvature.value:
+                T = T_try
+                break
+            delta = 0.25 * delta
+        else:
+            break
+        if small or step + 1 == steps:
+            break
+        curvature = SurfaceCurvature.of(view, source, T, lengthscale, across, cut)
+    return T, curvature, small
+
+
+def pull_spread(
+    view: CellView,
+    source: SurfaceArrays,
+    T: FloatArray,
+    lengthscale: float,
+    across: float,
+    cut: float,
+) -> FloatArray:
+    """Variance (6, 6) of the summed pulls over both samplings, as of a two-sample U-statistic.
+
+    Σ_j s_j s_jᵀ + Σ_i t_i t_iᵀ − Σ_ij p_ij p_ijᵀ: a pair belongs to one point of each cloud and
+    would otherwise count twice.
+    """
+    by_target, by_source, pairs = _pulls(
+        view.cells, view.arrays, source, T, lengthscale, across, cut
+    )
+    spread = by_source.T @ by_source + by_target.T @ by_target - pairs
+    values, axes = np.linalg.eigh(spread)
+    floored: FloatArray = (axes * np.maximum(values, 1e-12 * max(values[-1], 1e-30))) @ axes.T
+    return floored
+
+
+@compiled
+def _pulls(
+    cells: Cells,
+    target: SurfaceArrays,
+    source: SurfaceArrays,
+    T: FloatArray,
+    lengthscale: float,
+    across: float,
+    cut: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Each point's share of the gradient, (N, 6) and (M, 6), and Σ p pᵀ over the pairs, (6, 6).
+
+    The turning of normals and features is left out: it is small beside the distances.
+    """
+    a_iso = 1.0 / (lengthscale * lengthscale)
+    a_normal = 1.0 / (across * across) - a_iso
+    width, traits = target.features.shape[1], target.labels.shape[1]
+    channels = width // 3
+    by_target = np.zeros((len(target.points), 6))
+    by_source = np.zeros((len(source.points), 6))
+    pairs = np.zeros((6, 6))
+    pull = np.empty(6)
+    turned = np.empty(width, np.float32)
+    runs = np.empty((9, 2), np.int64)
+    R, t = np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy()
+    for j in range(len(source.points)):
+        y = R @ source.points[j] + t
+        m = R @ source.normals[j]
+        count = runs_around(cells, y[0], y[1], y[2], runs)
+        for c in range(channels):
+            for a in range(3):
+                turned[a * channels + c] = (
+                    T[a, 0] * source.features[j, c]
+                    + T[a, 1] * source.features[j, channels + c]
+                    + T[a, 2] * source.features[j, 2 * channels + c]
+                )
+        for run in range(count):
+            for p in range(runs[run, 0], runs[run, 1]):
+                d0 = target.points[p, 0] - y[0]
+                d1 = target.points[p, 1] - y[1]
+                d2 = target.points[p, 2] - y[2]
+                distance2 = d0 * d0 + d1 * d1 + d2 * d2
+                if distance2 > cut * cut:
+                    continue
+                n0, n1, n2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
+                dot = n0 * m[0] + n1 * m[1] + n2 * m[2]
+                r = n0 * d0 + n1 * d1 + n2 * d2
+                q = m[0] * d0 + m[1] * d1 + m[2] * d2
+                both = 0.5 * source.weights[j] * target.weights[p] * dot * dot
+                if traits:
+                    c_xz = 0.0
+                    for c in range(traits):
+                        c_xz += target.labels[p, c] * source.labels[j, c]
+                    both *= c_xz
+                if width:
+                    s = np.float32(0.0)
+                    for c in range(width):
+                        s += target.features[p, c] * turned[c]
+                    both *= math.tanh(1.0 + s)
+                iso = distance2 * a_iso
+                w = both * math.exp(-0.5 * (iso + r * r * a_normal))
+                o = both * math.exp(-0.5 * (iso + q * q * a_normal))
+                t0 = a_iso * (w + o) * d0 + a_normal * (w * r * n0 + o * q * m[0])
+                t1 = a_iso * (w + o) * d1 + a_normal * (w * r * n1 + o * q * m[1])
+                t2 = a_iso * (w + o) * d2 + a_normal * (w * r * n2 + o * q * m[2])
+                u = a_normal * o * q
+                pull[0], pull[1], pull[2] = t0, t1, t2
+                pull[3] = y[1] * t2 - y[2] * t1 + u * (d1 * m[2] - d2 * m[1])
+                pull[4] = y[2] * t0 - y[0] * t2 + u * (d2 * m[0] - d0 * m[2])
+                pull[5] = y[0] * t1 - y[1] * t0 + u * (d0 * m[1] - d1 * m[0])
+                for a in range(6):
+                    by_target[p, a] += pull[a]
+                    by_source[j, a] += pull[a]
+                    for b in range(6):
+                        pairs[a, b] += pull[a] * pull[b]
+    return by_target, by_source, pairs

@@ -1,0 +1,179 @@
+"""The last stage on the surface kernel: ℓ shrinks to how closely the clouds meet, then Newton."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+
+from model.inner_loop.solution import Step
+from model.kernel import InnerProducts
+from model.se3 import pose_log
+from model.surface.cells import FloatArray
+from model.surface.cloud import SurfaceCloud
+from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
+from model.surface.descent import descend
+from model.surface.meeting import Meeting
+from model.surface.moments import REACH, surface_moments
+
+Stop = Callable[[], bool]
+
+# The last sums reach farther, so that no pair leaves them while they are differentiated.
+_LAST_REACH = 4.5
+_NEWTON_STEPS = 2
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceLoop:
+    """Gauss–Newton ascent of the surface kernel's sum; lengths are in spacings of the clouds.
+
+    ℓ follows how far points of the one cloud lie from the other at the present pose: clouds that
+    share their points meet at 0, independent samples at about half a spacing. ℓ_n follows the
+    distance across the surface. Both stay within their bounds (paper, section 4.5: ℓ is optimised
+    together with the pose, slowly and within bounds).
+
+    Attributes:
+        lengthscale: ℓ along the surface to start with.
+        across: ℓ_n across it to start with.
+        steps: at most this many at each ℓ.
+        rounds: of adapting ℓ.
+        growth: ℓ by the median distance of near points.
+        growth_across: ℓ_n by the median height of near points above the surface.
+        least: lower bound of ℓ.
+        least_across: lower bound of ℓ_n.
+        tolerance: a step with ‖δ‖ below this ends a level.
+    """
+
+    lengthscale: float = 0.9
+    across: float = 0.3
+    steps: int = 8
+    rounds: int = 3
+    growth: float = 1.8
+    growth_across: float = 2.2
+    least: float = 0.1
+    least_across: float = 0.08
+    tolerance: float = 1e-6
+
+    def solve(
+        self, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, stop: Stop
+    ) -> SurfaceSolution:
+        """Solve from T (4, 4).
+
+        Args:
+            target: N points.
+            source: M points.
+            T: where to start.
+            stop: asked between steps; the best pose so far is then the answer.
+        """
+        spacing = max(target.spacing, source.spacing)
+        ell, across = self.lengthscale * spacing, self.across * spacing
+        steps: list[Step] = []
+        T, steady = self._level(target, source, T, ell, across, stop, steps)
+        for _ in range(self.rounds):
+            meeting = Meeting.of(target, source, T)
+            if meeting is None or stop():
+                break
+            ell = float(np.clip(self.growth * meeting.distance, self.least * spacing, ell))
+            across = min(
+                ell,
+                float(
+                    np.clip(
+                        self.growth_across * meeting.height,
+                        self.least_across * spacing,
+                        self.across * spacing,
+                    )
+                ),
+            )
+            T, steady = self._level(target, source, T, ell, across, stop, steps)
+        view, cut = target.at(_LAST_REACH * ell), _LAST_REACH * ell
+        rounds = 0 if stop() else _NEWTON_STEPS
+        T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
+        spread = pull_spread(view, source.arrays, T, ell, across, cut)
+        products = surface_products(target, source, T, ell, across)
+        return SurfaceSolution(
+            T, ell, across, (steady or small) and not stop(), steps, products, curvature, spread
+        )
+
+    def _level(
+        self,
+        target: SurfaceCloud,
+        source: SurfaceCloud,
+        T: FloatArray,
+        ell: float,
+        across: float,
+        stop: Stop,
+        trace: list[Step],
+    ) -> tuple[FloatArray, bool]:
+        """Steps at one ℓ, recorded; tells whether they came to rest."""
+        view = target.at(REACH * ell)
+        own = surface_products(target, source, T, ell, across)
+        steady = False
+        for _ in range(self.steps):
+            if stop():
+                break
+            before = T
+            T, value, steady = descend(
+                view.cells, view.arrays, source.arrays, T, ell, across, 1, self.tolerance
+            )
+            cross = torch.tensor([value], dtype=torch.float64)
+            moved = torch.from_numpy(T @ np.linalg.inv(before))[None]
+            trace.append(
+                Step.of(
+                    torch.tensor([ell], dtype=torch.float64),
+                    InnerProducts(own.target, own.source, cross),
+                    pose_log(moved),
+                )
+            )
+            if steady:
+                break
+        return T, steady
+
+
+@dataclass(frozen=True, slots=True)
+class SurfaceSolution:
+    """ĥ and ℓ̂ on the surface kernel.
+
+    Attributes:
+        T_target_source: (4, 4).
+        lengthscale: ℓ along the surface.
+        across: ℓ_n.
+        converged: whether the last step was below the tolerance.
+        steps: one an iteration.
+        products: ⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,ĥZ⟩.
+        curvature: at the answer.
+        spread: (6, 6) variance of the gradient.
+    """
+
+    T_target_source: FloatArray
+    lengthscale: float
+    across: float
+    converged: bool
+    steps: list[Step]
+    products: InnerProducts
+    curvature: SurfaceCurvature
+    spread: FloatArray
+
+
+def surface_products(
+    target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, ell: float, across: float
+) -> InnerProducts:
+    """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,hZ⟩ on the surface kernel, a batch of one."""
+    eye = np.eye(4)
+    values = [
+        _product(fixed, moving, at, ell, across)
+        for fixed, moving, at in ((target, target, eye), (source, source, eye), (target, source, T))
+    ]
+    xx, zz, xz = (torch.tensor([value], dtype=torch.float64) for value in values)
+    return InnerProducts(xx, zz, xz)
+
+
+def _product(
+    fixed: SurfaceCloud, moving: SurfaceCloud, T: FloatArray, ell: float, across: float
+) -> float:
+    cut = REACH * ell
+    view = fixed.at(cut)
+    value = surface_moments(view.cells, view.arrays, moving.arrays, T, ell, across, cut).value
+    return value if math.isfinite(value) else 0.0
