@@ -72,8 +72,7 @@ def newton_step(stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
     for a in range(3):
         H[a, a] += _DAMPING * shift + 1e-30
         H[a + 3, a + 3] += _DAMPING * turn + 1e-30
-    delta: FloatArray = np.linalg.solve(H, gradient)
-    return delta
+    return np.linalg.solve(H, gradient).astype(np.float64)
 
 
 @compiled
