@@ -87,13 +87,11 @@ class EquivAlign(LightningModule):
 
     def encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
         """Target and source of a batch in the joint frame as functions in the RKHS."""
+        f = self(batch.target, batch.target_mask)
+        g = self(batch.source, batch.source_mask)
         return (
-            CloudFunction.of(
-                batch.target, self(batch.target, batch.target_mask), batch.target_mask
-            ),
-            CloudFunction.of(
-                batch.source, self(batch.source, batch.source_mask), batch.source_mask
-            ),
+            CloudFunction.of(batch.target, f, batch.target_mask, batch.target_labels),
+            CloudFunction.of(batch.source, g, batch.source_mask, batch.source_labels),
         )
 
     def training_step(self, batch: PairBatch, batch_idx: int) -> Tensor | None:
@@ -229,7 +227,9 @@ class EquivAlign(LightningModule):
     def _log_metrics(self, subset: str) -> dict[str, Tensor]:
         values = self.metrics.compute()
         self.metrics.reset()
-        self.log_dict({f"{subset}/{name}": value for name, value in values.items()})
+        named = {f"{subset}/{name}": value for name, value in values.items()}
+        # Already over all processes; the mean of equal values changes nothing.
+        self.log_dict(named, sync_dist=True)
         return values
 
     def on_fit_start(self) -> None:
