@@ -62,6 +62,7 @@ OBJECTIVES = {
             {"feature_contrast": 1.0, "pose_contrast": 1.0},
         ),
         Objective("argmin d, small rate", {"rkhs_distance": 1.0}, learning_rate=_SMALL_RATE),
+        Objective("argmin d, spread floor", {"rkhs_distance": 1.0, "spread_floor": 2.0}),
         Objective("feature contrast at ĥ", {"feature_contrast_solved": 1.0}),
     )
 }

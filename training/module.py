@@ -24,7 +24,6 @@ from training.frame import in_joint_frame, out_of_joint_frame
 from training.loss import Alignment, OuterLoss
 from training.metrics import RegistrationMetrics
 
-_DETACHED_CLIP = 1.0  # Lightning clips by itself only where it also steps
 # ρ at which a pair counts half, and how sharply, when pairs are gated by confidence.
 _GATE_CENTRE, _GATE_WIDTH = 0.5, 0.1
 
@@ -79,6 +78,8 @@ class EquivAlign(LightningModule):
         self.seed = seed
         self.metrics = RegistrationMetrics()
         self.automatic_optimization = self.bilevel.backward != "detached_step"
+        # Lightning clips by itself only where it also steps.
+        self.gradient_clip: float | None = 1.0
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, N, 3) → (B, N, 3, C)."""
@@ -150,7 +151,8 @@ class EquivAlign(LightningModule):
             loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
             optimizer.zero_grad()  # type: ignore[union-attr]
             self.manual_backward(loss)
-            self.clip_gradients(optimizer, _DETACHED_CLIP, "norm")  # type: ignore[arg-type]
+            if self.gradient_clip is not None:
+                self.clip_gradients(optimizer, self.gradient_clip, "norm")  # type: ignore[arg-type]
             optimizer.step()  # type: ignore[union-attr]
         self.lr_schedulers().step()  # type: ignore[union-attr, call-arg]
         self._log_training(loss, terms, solution)
