@@ -60,6 +60,11 @@ OBJECTIVES = {
             gated=True,
         ),
         Objective(
+            "argmin d, feature and pose contrast at ĥ",
+            {"rkhs_distance": 1.0, "feature_contrast_solved": 1.0, "pose_contrast_solved": 1.0},
+            gated=True,
+        ),
+        Objective(
             "feature and pose contrast at the self-made pose",
             {"feature_contrast": 1.0, "pose_contrast": 1.0},
         ),

@@ -44,8 +44,9 @@ def objectives_command(arguments: list[str], command: str) -> int:
         answer = study.run(OBJECTIVES[name], curriculum, seed)
         row = {"objective": name, "curriculum": curriculum, "seed": seed, **answer}
         content = _content(given.out, settings)
-        content["rows"].append({**row, "provenance": provenance})
-        write_json(given.out, content)
+        if run not in _done(content):
+            content["rows"].append({**row, "provenance": provenance})
+            write_json(given.out, content)
     print_sheets(objective_sheets(content), console)
     if given.table is not None:
         given.table.write_text(document(content))
