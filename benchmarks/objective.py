@@ -23,6 +23,7 @@ class Objective:
         encoder: ``none`` compares points alone and ``random`` doesn't train.
         learning_rate: of AdamW; None takes the study's.
         gated: weigh each pair by the solver's own ρ.
+        kernel: name of the feature kernel, in training and in measuring; None takes the study's.
     """
 
     name: str
@@ -32,13 +33,14 @@ class Objective:
     encoder: Encoder = "trained"
     learning_rate: float | None = None
     gated: bool = False
+    kernel: str | None = None
 
 
 NO_FEATURES = "no features"
 RANDOM = "random encoder"
 
-# What argmin d and 1 − ρ learn with the rate of the others, they learn in the first few steps.
 _SMALL_RATE = 1e-3
+_PAPERS = "tanh"
 
 OBJECTIVES = {
     objective.name: objective
@@ -58,10 +60,26 @@ OBJECTIVES = {
             gated=True,
         ),
         Objective(
+            "argmin d, feature and pose contrast at ĥ",
+            {"rkhs_distance": 1.0, "feature_contrast_solved": 1.0, "pose_contrast_solved": 1.0},
+            gated=True,
+        ),
+        Objective(
             "feature and pose contrast at the self-made pose",
             {"feature_contrast": 1.0, "pose_contrast": 1.0},
         ),
+        Objective("random encoder, paper's kernel", encoder="random", kernel=_PAPERS),
+        Objective(
+            "argmin d, unrolled, paper's kernel", {"rkhs_distance": 1.0}, "unrolled", kernel=_PAPERS
+        ),
+        Objective(
+            "feature and pose contrast at ĥ, paper's kernel",
+            {"feature_contrast_solved": 1.0, "pose_contrast_solved": 1.0},
+            gated=True,
+            kernel=_PAPERS,
+        ),
         Objective("argmin d, small rate", {"rkhs_distance": 1.0}, learning_rate=_SMALL_RATE),
+        Objective("argmin d, spread floor", {"rkhs_distance": 1.0, "spread_floor": 2.0}),
         Objective("feature contrast at ĥ", {"feature_contrast_solved": 1.0}),
     )
 }

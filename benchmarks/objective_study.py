@@ -157,7 +157,7 @@ class Study:
         ]
         return EquivAlign(
             architecture=ARCHITECTURE,
-            kernel=self.settings.kernel,
+            kernel=objective.kernel or self.settings.kernel,
             loss=dict(objective.loss) or None,
             loss_settings={name: dict(given) for name, given in objective.settings.items()},
             bilevel=BilevelSolver(

@@ -44,8 +44,9 @@ def objectives_command(arguments: list[str], command: str) -> int:
         answer = study.run(OBJECTIVES[name], curriculum, seed)
         row = {"objective": name, "curriculum": curriculum, "seed": seed, **answer}
         content = _content(given.out, settings)
-        content["rows"].append({**row, "provenance": provenance})
-        write_json(given.out, content)
+        if run not in _done(content):
+            content["rows"].append({**row, "provenance": provenance})
+            write_json(given.out, content)
     print_sheets(objective_sheets(content), console)
     if given.table is not None:
         given.table.write_text(document(content))
@@ -95,13 +96,13 @@ def _wanted(given: Namespace) -> list[Run]:
         (objective.name, curriculum, seed)
         for seed in given.seeds
         for objective in chosen
-        for curriculum in _curricula(objective)
+        for curriculum in _curricula(objective, given.angles)
     ]
 
 
-def _curricula(objective: Objective) -> list[str]:
+def _curricula(objective: Objective, chosen: list[str]) -> list[str]:
     """What doesn't train has no curriculum."""
-    return list(CURRICULA) if objective.encoder == "trained" else ["direct"]
+    return chosen if objective.encoder == "trained" else ["direct"]
 
 
 def _done(content: dict[str, Any]) -> set[Run]:
@@ -121,6 +122,9 @@ def _parser() -> ArgumentParser:
     parser.add_argument("--steps", type=int, default=defaults.steps, help="outer steps a training")
     parser.add_argument("--pairs", type=int, default=defaults.test_pairs, help="test pairs")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2], metavar="SEED")
+    parser.add_argument(
+        "--angles", nargs="+", choices=list(CURRICULA), default=list(CURRICULA), help="of trainings"
+    )
     parser.add_argument(
         "--only", action="append", metavar="NAME", help="this objective; may be given again"
     )

@@ -74,13 +74,20 @@ class TrainingCLI(LightningCLI):
             )
 
     def instantiate_trainer(self, **kwargs: Any) -> Trainer:
-        """Log to TensorBoard and to a CSV file where the configuration names no logger."""
+        """Fill in what depends on other arguments.
+
+        Without a logger in the configuration, TensorBoard and a CSV file; and the module clips its
+        gradients itself where it steps itself.
+        """
         config = self.config_init
         given = (config if self.subcommand is None else config[self.subcommand]).trainer
         if given.logger in (None, True):
             root = given.default_root_dir or "."
             board = TensorBoardLogger(root)
             kwargs["logger"] = [board, CSVLogger(root, name="metrics", version=board.version)]
+        if not self.model.automatic_optimization:
+            self.model.gradient_clip = given.gradient_clip_val
+            kwargs["gradient_clip_val"] = None
         return super().instantiate_trainer(**kwargs)
 
 

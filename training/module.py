@@ -24,7 +24,6 @@ from training.frame import in_joint_frame, out_of_joint_frame
 from training.loss import Alignment, OuterLoss
 from training.metrics import RegistrationMetrics
 
-_DETACHED_CLIP = 1.0  # Lightning clips by itself only where it also steps
 # ρ at which a pair counts half, and how sharply, when pairs are gated by confidence.
 _GATE_CENTRE, _GATE_WIDTH = 0.5, 0.1
 
@@ -79,6 +78,8 @@ class EquivAlign(LightningModule):
         self.seed = seed
         self.metrics = RegistrationMetrics()
         self.automatic_optimization = self.bilevel.backward != "detached_step"
+        # Lightning clips by itself only where it also steps.
+        self.gradient_clip: float | None = 1.0
 
     def forward(self, x: Tensor, mask: Tensor | None = None) -> Tensor:
         """(B, N, 3) → (B, N, 3, C)."""
@@ -87,13 +88,11 @@ class EquivAlign(LightningModule):
 
     def encode(self, batch: PairBatch) -> tuple[CloudFunction, CloudFunction]:
         """Target and source of a batch in the joint frame as functions in the RKHS."""
+        f = self(batch.target, batch.target_mask)
+        g = self(batch.source, batch.source_mask)
         return (
-            CloudFunction.of(
-                batch.target, self(batch.target, batch.target_mask), batch.target_mask
-            ),
-            CloudFunction.of(
-                batch.source, self(batch.source, batch.source_mask), batch.source_mask
-            ),
+            CloudFunction.of(batch.target, f, batch.target_mask, batch.target_labels),
+            CloudFunction.of(batch.source, g, batch.source_mask, batch.source_labels),
         )
 
     def training_step(self, batch: PairBatch, batch_idx: int) -> Tensor | None:
@@ -152,7 +151,8 @@ class EquivAlign(LightningModule):
             loss, terms = self.outer_loss(self.alignment(batch, target, source, solution))
             optimizer.zero_grad()  # type: ignore[union-attr]
             self.manual_backward(loss)
-            self.clip_gradients(optimizer, _DETACHED_CLIP, "norm")  # type: ignore[arg-type]
+            if self.gradient_clip is not None:
+                self.clip_gradients(optimizer, self.gradient_clip, "norm")  # type: ignore[arg-type]
             optimizer.step()  # type: ignore[union-attr]
         self.lr_schedulers().step()  # type: ignore[union-attr, call-arg]
         self._log_training(loss, terms, solution)
@@ -229,7 +229,9 @@ class EquivAlign(LightningModule):
     def _log_metrics(self, subset: str) -> dict[str, Tensor]:
         values = self.metrics.compute()
         self.metrics.reset()
-        self.log_dict({f"{subset}/{name}": value for name, value in values.items()})
+        named = {f"{subset}/{name}": value for name, value in values.items()}
+        # Already over all processes; the mean of equal values changes nothing.
+        self.log_dict(named, sync_dist=True)
         return values
 
     def on_fit_start(self) -> None:

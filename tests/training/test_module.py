@@ -8,6 +8,7 @@ import torch
 from small_run import CONFIGS, QUIET, small
 
 from model import Registrar
+from model.cloud_function import CloudFunction
 from model.exceptions import ArtifactFormatError, ArtifactNotFoundError, InvalidOptionError
 from model.se3 import rotation_angle
 from training.bilevel import BilevelSolver, InnerSolution
@@ -19,6 +20,7 @@ from training.data.perturbation import Perturbation
 from training.export import export_command
 from training.frame import in_joint_frame
 from training.loss import LOSSES, OuterLoss
+from training.loss.spread import participation_ratio
 from training.module import EquivAlign
 
 SMALL = {"channels": 8, "channels_out": 4, "invariants": 8, "radii": [0.15, 0.3], "layers": 1}
@@ -77,9 +79,7 @@ def residual(batch: PairBatch) -> torch.Tensor:
 
 
 @pytest.mark.parametrize("backward", ["envelope", "unrolled", "detached_step"])
-@pytest.mark.parametrize(
-    "loss", [name for name in LOSSES if not LOSSES[name]().uses_made_transform]
-)
+@pytest.mark.parametrize("loss", [name for name in LOSSES if LOSSES[name]().uses_solution])
 def test_true_poses_do_not_enter_the_gradient_of_a_bilevel_loss(loss, backward, batch):
     model = module({loss: 1.0}, BilevelSolver(iterations=4, backward=backward))
     noise = Motion(rotation="haar", max_translation=1.0)
@@ -102,8 +102,16 @@ def test_every_loss_says_which_pose_it_uses_and_has_a_finite_gradient(loss, batc
     if used == "self-made transform":
         assert on_real.abs().sum() == 0.0
     else:
-        assert used == "solved pose only"
+        assert used == ("no pose" if loss == "spread_floor" else "solved pose only")
         assert on_real.abs().sum() > 0.0
+
+
+def test_the_spread_floor_asks_for_more_only_below_it():
+    points = torch.randn(2, 50, 3, generator=torch.Generator().manual_seed(0))
+    alike = CloudFunction.of(points, points[..., None].repeat(1, 1, 1, 5))
+    apart = CloudFunction.of(points, torch.randn(2, 50, 3, 5, generator=torch.Generator()))
+    torch.testing.assert_close(participation_ratio(alike), torch.ones(2))
+    assert (participation_ratio(apart) > 4.0).all()
 
 
 def test_real_pairs_count_by_the_solvers_confidence_and_made_ones_when_asked(batch):
@@ -158,6 +166,21 @@ def test_unknown_losses_are_refused():
         OuterLoss({})
     with pytest.raises(InvalidOptionError, match="loss_settings"):
         OuterLoss({"rkhs_distance": 1.0}, {"rkhs_distance": {"power": 2}})
+
+
+@QUIET
+@pytest.mark.parametrize("backward", ["unrolled", "detached_step"])
+def test_the_command_trains_by_every_kind_of_gradient(backward: str, tmp_path):
+    arguments = [*small(CONFIGS / "quickstart.yaml"), "--trainer.default_root_dir", str(tmp_path)]
+    arguments += ["--model.bilevel.backward", backward, "--model.loss", "{rkhs_distance: 1.0}"]
+    arguments += ["--trainer.max_steps", "4", "--model.inner_steps", "2"]
+    arguments += ["--data.pairs_per_epoch", "8", "--data.evaluation_pairs", "4"]
+    assert fit(arguments) == 0
+    (checkpoint,) = tmp_path.rglob("last.ckpt")
+    state = torch.load(checkpoint, weights_only=True)
+    assert state["equivalign"]["backward"] == backward
+    # Four steps of one batch each, or two batches of two; an epoch has two batches.
+    assert state["global_step"] == (2 if backward == "unrolled" else 4)
 
 
 @QUIET

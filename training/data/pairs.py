@@ -37,6 +37,8 @@ class RegistrationPair(NamedTuple):
         number: the pair's place in its epoch.
         target_normals: (N, 3), or None where unknown.
         source_normals: (M, 3), or None where unknown.
+        target_labels: (N, L) l(x) of the paper, which no motion changes, or None for l = 1.
+        source_labels: (M, L), or None.
     """
 
     target: Tensor
@@ -47,6 +49,8 @@ class RegistrationPair(NamedTuple):
     number: int
     target_normals: Tensor | None = None
     source_normals: Tensor | None = None
+    target_labels: Tensor | None = None
+    source_labels: Tensor | None = None
 
     def moved(self, T: Tensor) -> RegistrationPair:
         """See the source in another frame: its old coordinates are T (4, 4) times its new ones."""
@@ -70,6 +74,8 @@ class PairBatch(NamedTuple):
         is_synthetic: (B,) bool.
         number: (B,) int64, the pairs' places in their epoch.
         names: B names.
+        target_labels: (B, N, L), zero where padded, or None for l = 1.
+        source_labels: (B, M, L), or None.
     """
 
     target: Tensor
@@ -80,6 +86,8 @@ class PairBatch(NamedTuple):
     is_synthetic: Tensor
     number: Tensor
     names: list[str]
+    target_labels: Tensor | None = None
+    source_labels: Tensor | None = None
 
     def moved(self, T: Tensor) -> PairBatch:
         """See every source in another frame: its old coordinates are T (B, 4, 4) times its new."""
@@ -96,6 +104,8 @@ class PairBatch(NamedTuple):
             source=self.target,
             target_mask=self.source_mask,
             source_mask=self.target_mask,
+            target_labels=self.source_labels,
+            source_labels=self.target_labels,
             T_target_source=inverse(self.T_target_source),
         )
 
@@ -113,7 +123,14 @@ def collate(pairs: Sequence[RegistrationPair]) -> PairBatch:
         torch.tensor([pair.is_synthetic for pair in pairs]),
         torch.tensor([pair.number for pair in pairs]),
         [pair.name for pair in pairs],
+        _labels([pair.target_labels for pair in pairs]),
+        _labels([pair.source_labels for pair in pairs]),
     )
+
+
+def _labels(labels: Sequence[Tensor | None]) -> Tensor | None:
+    known = [one for one in labels if one is not None]
+    return _padded(known)[0] if len(known) == len(labels) else None
 
 
 def _padded(clouds: list[Tensor]) -> tuple[Tensor, Tensor]:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +18,7 @@ from model.sampling import farthest_point_sample
 from training.data.seeding import Stream, derived_seed, numpy_generator
 
 FloatArray = npt.NDArray[np.float64]
+Size = tuple[int, ...]
 
 UNITS_PER_METRE = 5000.0
 # Farthest-point sampling sees this many random candidates for every point that it keeps.
@@ -49,17 +51,19 @@ class Camera:
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One depth image.
+    """One depth image, with the colour image of the same time if there is one.
 
     Attributes:
         time: in seconds.
         path: the PNG, uint16, 5000 to the metre.
         T_world_camera: (4, 4) float64, or None where no pose belongs to this time.
+        colour: an image of the same pixels, or None.
     """
 
     time: float
     path: Path
     T_world_camera: FloatArray | None
+    colour: Path | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +95,7 @@ class RgbdSequence:
         Raises:
             UnreadableFileError: no depth image.
         """
-        return _frame_cloud(self.frames[number].path, self.camera, max_depth)
+        return _frame_cloud(self.frames[number].path, self.camera, max_depth)[0]
 
     def sampled_cloud(
         self, number: int, points: int, seed: int, max_depth: float | None = None
@@ -109,7 +113,21 @@ class RgbdSequence:
             TooFewPointsError: fewer pixels with depth.
         """
         path = self.frames[number].path
-        return _sampled_frame(path, self.camera, points, derived_seed(seed, number), max_depth)
+        place = derived_seed(seed, number)
+        return _sampled_frame(path, self.camera, points, place, max_depth)[0]
+
+    def sampled_colours(
+        self, number: int, points: int, seed: int, max_depth: float | None = None
+    ) -> Tensor:
+        """Red, green and blue, 0 to 1, of the points that ``sampled_cloud`` gives, (points, 3).
+
+        Raises:
+            UnreadableFileError: no colour image, or one of other pixels.
+            TooFewPointsError: fewer pixels with depth.
+        """
+        frame, place = self.frames[number], derived_seed(seed, number)
+        _, pixels, size = _sampled_frame(frame.path, self.camera, points, place, max_depth)
+        return _read_colour(frame, size)[pixels]
 
     def relative_pose(self, target: int, source: int) -> FloatArray | None:
         """T_target_source (4, 4) between two frames, or None where a pose is missing."""
@@ -142,8 +160,9 @@ def evenly_spread(count: int, limit: int) -> npt.NDArray[np.int64]:
 @lru_cache(maxsize=_CACHED_CLOUDS)
 def _sampled_frame(
     path: Path, camera: Camera, points: int, seed: int, max_depth: float | None
-) -> Tensor:
-    cloud = _frame_cloud(path, camera, max_depth)
+) -> tuple[Tensor, Tensor, Size]:
+    """The sample (points, 3), its pixels (points,) row by row, and the image's size."""
+    cloud, pixels, size = _frame_cloud(path, camera, max_depth)
     if len(cloud) < points:
         raise TooFewPointsError(
             f"the frame has {len(cloud)} pixels with depth",
@@ -153,23 +172,39 @@ def _sampled_frame(
         )
     random = numpy_generator(seed, Stream.SAMPLING)
     count = min(len(cloud), _CANDIDATES_PER_POINT * points)
-    candidates = torch.from_numpy(random.choice(cloud, count, replace=False)).float()
-    return candidates[farthest_point_sample(candidates, points, seed)]
+    chosen = random.choice(len(cloud), count, replace=False)
+    candidates = torch.from_numpy(cloud[chosen]).float()
+    kept = farthest_point_sample(candidates, points, seed)
+    return candidates[kept], torch.from_numpy(pixels[chosen])[kept], size
 
 
-def _frame_cloud(path: Path, camera: Camera, max_depth: float | None) -> FloatArray:
+def _frame_cloud(
+    path: Path, camera: Camera, max_depth: float | None
+) -> tuple[FloatArray, npt.NDArray[np.int64], Size]:
+    """Points (n, 3), their pixels (n,) row by row, and the image's size."""
     depth = _read_depth(path)
     if max_depth is not None:
         depth[depth > max_depth] = 0.0
-    return camera.back_projected(depth)
+    size: Size = depth.shape
+    return camera.back_projected(depth), np.flatnonzero(depth), size
+
+
+def _read_colour(frame: Frame, size: Size) -> Tensor:
+    """(H·W, 3) float32 from 0 to 1."""
+    image = None if frame.colour is None else _read_image(frame.colour)
+    if image is None or image.dtype != np.uint8 or image.shape[:2] != size or image.ndim != 3:
+        raise UnreadableFileError(
+            "there is no colour image of the same pixels for this frame",
+            field="sequence",
+            value=str(frame.path if frame.colour is None else frame.colour),
+            mend="give colour registered to depth, listed in rgb.txt or associated.txt, "
+            "or set colour to false",
+        )
+    return torch.from_numpy(image[..., :3].reshape(-1, 3)).float() / 255.0
 
 
 def _read_depth(path: Path) -> FloatArray:
-    import open3d
-
-    level = open3d.utility.VerbosityLevel.Error
-    with open3d.utility.VerbosityContextManager(level):
-        image = np.asarray(open3d.io.read_image(path))
+    image = _read_image(path)
     if image.dtype != np.uint16 or image.ndim != 2:
         raise UnreadableFileError(
             "isn't a depth image of 16 bits",
@@ -178,3 +213,11 @@ def _read_depth(path: Path) -> FloatArray:
             mend="give PNG files with one channel of uint16, 5000 to the metre",
         )
     return image / UNITS_PER_METRE
+
+
+def _read_image(path: Path) -> npt.NDArray[Any]:
+    import open3d
+
+    level = open3d.utility.VerbosityLevel.Error
+    with open3d.utility.VerbosityContextManager(level):
+        return np.asarray(open3d.io.read_image(path))

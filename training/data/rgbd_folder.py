@@ -21,6 +21,9 @@ _SAME_TIME = 0.02
 def read_sequence(root: Path) -> RgbdSequence:
     """Read a sequence's lists; the images are read when they are needed.
 
+    ``rgb.txt``, or else the first two columns of ``associated.txt``, lists colour images; a frame
+    has the one whose time differs by less than 20 ms.
+
     ``calibration.txt`` holds fx fy cx cy. ``depth.txt`` lists times and files, or, in its absence,
     ``associated.txt`` does (colour time, colour file, depth time, depth file). ``groundtruth.txt``
     (t tx ty tz qx qy qz qw, camera to world) may be missing; a pose belongs to a frame if their
@@ -41,7 +44,10 @@ def read_sequence(root: Path) -> RgbdSequence:
         raise InvalidOptionError("the sequence has no frames", field="sequence", value=str(root))
     _require_images(root, [path for _, path in images])
     poses = _read_poses(root / "groundtruth.txt")
-    frames = [Frame(time, path, _pose_at(poses, time)) for time, path in images]
+    colours = _read_colours(root)
+    frames = [
+        Frame(time, path, _pose_at(poses, time), _colour_at(colours, time)) for time, path in images
+    ]
     return RgbdSequence(root, camera, frames)
 
 
@@ -101,6 +107,26 @@ def _read_images(root: Path) -> list[tuple[float, Path]]:
     rows = _rows(path, columns)
     times = _numbers(rows, slice(time_column, time_column + 1), path).reshape(-1).tolist()
     return [(time, root / row[time_column + 1]) for time, row in zip(times, rows, strict=True)]
+
+
+def _read_colours(root: Path) -> tuple[FloatArray, list[Path]]:
+    """Times (n,) in order and files of the colour images; n = 0 where none are listed."""
+    lists = [root / name for name in ("rgb.txt", "associated.txt") if (root / name).exists()]
+    if not lists:
+        return np.empty(0), []
+    rows = _rows(lists[0], columns=2)
+    times = _numbers(rows, slice(0, 1), lists[0]).reshape(-1)
+    order = np.argsort(times, kind="stable")
+    return times[order], [root / rows[i][1] for i in order]
+
+
+def _colour_at(colours: tuple[FloatArray, list[Path]], time: float) -> Path | None:
+    times, paths = colours
+    if not paths:
+        return None
+    nearest = int(np.abs(times - time).argmin())
+    path = paths[nearest]
+    return path if abs(times[nearest] - time) < _SAME_TIME and path.is_file() else None
 
 
 def _require_images(root: Path, paths: Sequence[Path]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from torch import Tensor
 from torch.utils.data import Dataset
 
 from model.exceptions import InvalidOptionError
@@ -36,6 +37,7 @@ class FramePairs(Dataset[RegistrationPair]):
         limit: most pairs of each sequence and gap.
         max_depth: leave out what is farther away, in metres.
         posed: take only pairs whose relative pose is known.
+        colour: give the points' colours as labels.
 
     Raises:
         InvalidOptionError: no pairs.
@@ -53,6 +55,7 @@ class FramePairs(Dataset[RegistrationPair]):
         limit: int = 1000,
         max_depth: float | None = None,
         posed: bool = False,
+        colour: bool = False,
     ) -> None:
         pairs = [
             (sequence, target, source)
@@ -77,6 +80,7 @@ class FramePairs(Dataset[RegistrationPair]):
         self.shuffle = shuffle
         self.length = len(pairs) if length is None or not shuffle else length
         self.max_depth = max_depth
+        self.colour = colour
 
     def __len__(self) -> int:
         return self.length
@@ -85,17 +89,20 @@ class FramePairs(Dataset[RegistrationPair]):
         """The pair before the extra rotation; an unknown pose is NaN, so no metric can pass it."""
         sequence, target, source = self.pairs[self._place(key)]
         T = sequence.relative_pose(target, source)
-        clouds = [
-            sequence.sampled_cloud(number, self.points, self.seed, self.max_depth)
+        sampling = (self.points, self.seed, self.max_depth)
+        labels = [
+            colour_labels(sequence.sampled_colours(number, *sampling)) if self.colour else None
             for number in (target, source)
         ]
         return RegistrationPair(
-            clouds[0],
-            clouds[1],
+            sequence.sampled_cloud(target, *sampling),
+            sequence.sampled_cloud(source, *sampling),
             torch.from_numpy(np.full((4, 4), np.nan) if T is None else T).float(),
             False,
             f"{sequence.name}/{target}-{source}",
             key.number,
+            target_labels=labels[0],
+            source_labels=labels[1],
         )
 
     def _place(self, key: PairKey) -> int:
@@ -104,6 +111,15 @@ class FramePairs(Dataset[RegistrationPair]):
         through, place = divmod(key.epoch * self.length + key.number, len(self.pairs))
         generator = torch_generator(self.seed, self.stream, Stream.ORDER, through)
         return int(torch.randperm(len(self.pairs), generator=generator)[place])
+
+
+def colour_labels(colours: Tensor) -> Tensor:
+    """L(x) of colours (N, 3) from 0 to 1, (N, 4) of unit length.
+
+    ⟨l, l'⟩ is 1 for equal colours, 1/7 for black and white, and never negative.
+    """
+    centred = torch.cat([torch.ones(len(colours), 1), colours - 0.5], 1)
+    return torch.nn.functional.normalize(centred, dim=1)
 
 
 class RgbdData(PairDataModule):
@@ -122,6 +138,7 @@ class RgbdData(PairDataModule):
             all.
         pairs_per_sequence: most pairs of each sequence and gap, evenly spread.
         max_depth: leave out what is farther away, in metres.
+        colour: compare the frames' colours as labels l(x), too; the paper sets l = 1.
         motion: the law of the extra rotation, about the source's camera.
         **options: as for ``PairDataModule``.
     """
@@ -137,6 +154,7 @@ class RgbdData(PairDataModule):
         evaluation_pairs: int | None = None,
         pairs_per_sequence: int = 1000,
         max_depth: float | None = None,
+        colour: bool = False,
         motion: Motion | None = None,
         **options: Any,
     ) -> None:
@@ -155,6 +173,7 @@ class RgbdData(PairDataModule):
         self.evaluation_pairs = evaluation_pairs
         self.pairs_per_sequence = pairs_per_sequence
         self.max_depth = max_depth
+        self.colour = colour
 
     def pairs(self, subset: Subset) -> FramePairs:
         """The pairs of one subset before the extra rotation.
@@ -180,4 +199,5 @@ class RgbdData(PairDataModule):
             limit=self.pairs_per_sequence,
             max_depth=self.max_depth,
             posed=not training,
+            colour=self.colour,
         )

@@ -17,6 +17,7 @@ from training.loss.contrast import (
     invariant_likeness,
 )
 from training.loss.rkhs import RkhsCosine, RkhsDistance
+from training.loss.spread import SpreadFloor
 
 LOSSES: dict[str, Callable[..., nn.Module]] = {
     "rkhs_distance": RkhsDistance,
@@ -31,6 +32,7 @@ LOSSES: dict[str, Callable[..., nn.Module]] = {
     "invariant_contrast_solved": partial(
         MatchingContrast, invariant_likeness, reference="solved", temperature=20.0
     ),
+    "spread_floor": SpreadFloor,
 }
 
 
@@ -75,14 +77,11 @@ class OuterLoss(nn.Module):
     @property
     def needs_solution(self) -> bool:
         """Whether any term looks at ĥ."""
-        return any(not term.uses_made_transform for term in self.terms.values())
+        return any(bool(term.uses_solution) for term in self.terms.values())
 
     def transforms_used(self) -> dict[str, str]:
         """For each term, which pose it looks at: for configurations, artifacts and readers."""
-        return {
-            name: "self-made transform" if term.uses_made_transform else "solved pose only"
-            for name, term in self.terms.items()
-        }
+        return {name: _pose_used(term) for name, term in self.terms.items()}
 
     def forward(self, alignment: Alignment) -> tuple[Tensor, dict[str, Tensor]]:
         """The weighted sum, and every term by name."""
@@ -90,6 +89,12 @@ class OuterLoss(nn.Module):
         total = sum(self.weights[name] * value for name, value in values.items())
         assert isinstance(total, Tensor)
         return total, values
+
+
+def _pose_used(term: nn.Module) -> str:
+    if term.uses_made_transform:
+        return "self-made transform"
+    return "solved pose only" if term.uses_solution else "no pose"
 
 
 __all__ = ["LOSSES", "Alignment", "OuterLoss"]

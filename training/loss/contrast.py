@@ -42,6 +42,7 @@ class PoseContrast(nn.Module):
     ) -> None:
         super().__init__()
         self.uses_made_transform = reference == "made"
+        self.uses_solution = reference == "solved"
         self.poses = poses
         self.sharpness = sharpness
         self.points = points
@@ -105,6 +106,7 @@ class MatchingContrast(nn.Module):
         super().__init__()
         self.likeness = likeness
         self.uses_made_transform = reference == "made"
+        self.uses_solution = reference == "solved"
         self.points = points
         self.neighbourhood = neighbourhood
         self.log_temperature = nn.Parameter(torch.tensor(math.log(temperature)))

@@ -16,6 +16,7 @@ class RkhsDistance(nn.Module):
     """
 
     uses_made_transform = False
+    uses_solution = True
 
     def __init__(self, sign: float = 1.0, detach_self_terms: bool = False) -> None:
         super().__init__()
@@ -41,6 +42,7 @@ class RkhsCosine(nn.Module):
     """
 
     uses_made_transform = False
+    uses_solution = True
 
     def __init__(self, detach_self_terms: bool = False) -> None:
         super().__init__()

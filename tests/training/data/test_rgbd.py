@@ -20,7 +20,7 @@ from training.data.motion import Motion
 from training.data.pairs import PairKey
 from training.data.rgbd import evenly_spread, frame_pairs
 from training.data.rgbd_folder import read_sequence
-from training.data.rgbd_module import RgbdData
+from training.data.rgbd_module import RgbdData, colour_labels
 
 
 @pytest.fixture
@@ -112,6 +112,35 @@ def test_batches_are_real_pairs_with_an_extra_rotation(sequence: Path) -> None:
             moved = batch.source[i].double() @ T[:3, :3].T + T[:3, 3]
             distance, _ = KDTree(room.cloud(target)).query(moved.numpy())
             assert np.median(distance) < 0.03
+
+
+def test_colours_come_along_as_labels_of_the_same_points(sequence: Path) -> None:
+    with pytest.raises(UnreadableFileError, match="no colour image"):
+        next(iter(data(sequence, colour=True).train_dataloader()))
+    (sequence / "rgb").mkdir()
+    listed = []
+    for i in range(6):
+        # Red tells the column, green the row.
+        image = np.zeros((HEIGHT, WIDTH, 3), dtype=np.uint8)
+        image[..., 0], image[..., 1] = np.arange(WIDTH)[None], np.arange(HEIGHT)[:, None]
+        path = sequence / "rgb" / f"{i}.png"
+        assert open3d.io.write_image(str(path), open3d.geometry.Image(image))
+        listed.append(f"{0.1 * i + 0.004:.6f} rgb/{i}.png")
+    (sequence / "rgb.txt").write_text("# timestamp filename\n" + "\n".join(listed) + "\n")
+    room = read_sequence(sequence)
+    points, colours = room.sampled_cloud(2, 200, seed=0), room.sampled_colours(2, 200, seed=0)
+    column = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
+    row = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
+    torch.testing.assert_close(255 * colours[:, 0], column, rtol=0, atol=1e-2)
+    torch.testing.assert_close(255 * colours[:, 1], row, rtol=0, atol=1e-2)
+
+    batch = next(iter(data(sequence, colour=True).train_dataloader()))
+    assert batch.target_labels is not None
+    assert batch.target_labels.shape == (2, 200, 4)
+    assert next(iter(data(sequence).train_dataloader())).target_labels is None
+    colours = torch.tensor([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
+    products = colour_labels(colours) @ colour_labels(colours).T
+    torch.testing.assert_close(products, torch.tensor([[1.0, 1 / 7], [1 / 7, 1.0]]))
 
 
 def test_an_epoch_takes_every_pair_once_in_its_own_order(sequence: Path) -> None:
