@@ -72,6 +72,5 @@ def finish_contest(results: Results, out: Path | None) -> None:
     print_sheets(result_sheets(results), console)
     print_methods(results.methods, results.absent, console)
     if out is not None:
-        page = out.with_suffix(".html")
-        write_plots(results, page)
-        console.print(f"{out}, {page}")
+        for line in (str(out), *write_plots(results, out)):
+            console.print(line, soft_wrap=True, highlight=False)

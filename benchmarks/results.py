@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from benchmarks.pair import BenchmarkPair, PairEntry
 from benchmarks.pose_error import PoseError, initial_angle_deg
 from benchmarks.provenance import Provenance
+from model.cloud_file.atomic_file import complete_file
 from model.exceptions import InvalidOptionError, UnreadableFileError
 
 FORMAT_VERSION = 1
@@ -137,7 +137,7 @@ class Results:
         """Write the file; it is there whole or as it was before.
 
         Raises:
-            UnreadableFileError: the place can't be written.
+            CloudFileError: the place can't be written.
         """
         content = {
             "format_version": FORMAT_VERSION,
@@ -169,22 +169,10 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     """Write JSON in one move.
 
     Raises:
-        UnreadableFileError: the place can't be written.
+        CloudFileError: the place can't be written.
     """
-    staged = path.with_name(f".{path.name}-{os.getpid()}")
-    try:
-        with staged.open("w") as stream:
-            json.dump(content, stream, allow_nan=False)
-        staged.replace(path)
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the results can't be written: {error.strerror}",
-            field="out",
-            value=path,
-            mend="give a file in a folder that exists and can be written",
-        ) from error
-    finally:
-        staged.unlink(missing_ok=True)
+    with complete_file(path, "out") as unfinished:
+        unfinished.write_text(json.dumps(content, allow_nan=False))
 
 
 def read_json(path: Path) -> dict[str, Any]:
