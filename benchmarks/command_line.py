@@ -18,6 +18,7 @@ _BENCHMARKS = {
         "which bi-level objective learns",
     ),
     "training": ("benchmarks.training_step", "training_command", "pairs a second of a training"),
+    "check": ("benchmarks.self_check", "check_command", "that the scoring has teeth"),
     "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 

@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
 
 from rich.console import Console
 
-from benchmarks.competitor import Competitor, Contestant, ExternalPoses
-from benchmarks.methods import METHOD_NAMES, build_methods
+from benchmarks.competitor import (
+    ORACLE_SUFFIX,
+    CandidateOracle,
+    Competitor,
+    Contestant,
+    ExternalPoses,
+    Truth,
+)
+from benchmarks.methods import METHOD_NAMES, OUR_NAMES, build_methods
 from benchmarks.plots import write_plots
 from benchmarks.result_sheets import result_sheets
 from benchmarks.results import Results
@@ -25,7 +33,8 @@ def add_contest_options(parser: ArgumentParser) -> None:
         type=names,
         default=names(DEFAULT_METHODS),
         metavar="NAMES",
-        help=f"of {', '.join(METHOD_NAMES)}; default {DEFAULT_METHODS}",
+        help=f"of {', '.join(METHOD_NAMES)}; ours_oracle, the best of our candidates by the true "
+        f"pose; truth and inverse, to check the scoring; default {DEFAULT_METHODS}",
     )
     parser.add_argument("--artifact", metavar="DIR", help="ours; default: the shipped one")
     parser.add_argument(
@@ -54,8 +63,14 @@ def competitors_of(given: Namespace) -> tuple[list[Competitor], list[str]]:
         InvalidOptionError: nobody takes part, or a method that isn't known.
         CloudFileError: a file of poses can't be read.
     """
-    field = build_methods(given.methods, given.artifact)
-    competitors: list[Competitor] = [Contestant(method) for method in field.methods]
+    references, oracles = _references(given.methods), _oracles(given.methods)
+    named = [n for n in given.methods if n not in references and n not in oracles]
+    # An oracle chooses among the candidates of a method, whether that takes part or not.
+    field = build_methods(dict.fromkeys([*named, *oracles.values()]), given.artifact)
+    contestants = {method.name: Contestant(method) for method in field.methods}
+    competitors: list[Competitor] = [c for name, c in contestants.items() if name in named]
+    competitors += [CandidateOracle(contestants[name]) for name in oracles.values()]
+    competitors += references.values()
     competitors += [ExternalPoses.read(path) for path in given.external]
     if not competitors:
         raise InvalidOptionError(
@@ -64,6 +79,17 @@ def competitors_of(given: Namespace) -> tuple[list[Competitor], list[str]]:
             mend="name a method whose packages are installed, or give --external",
         )
     return competitors, field.absent
+
+
+def _references(named: Sequence[str]) -> dict[str, Truth]:
+    known = {truth.name: truth for truth in (Truth(), Truth(inverted=True))}
+    return {name: known[name] for name in named if name in known}
+
+
+def _oracles(named: Sequence[str]) -> dict[str, str]:
+    """The method whose candidates each oracle chooses among."""
+    ours = {name + ORACLE_SUFFIX: name for name in OUR_NAMES}
+    return {name: ours[name] for name in named if name in ours}
 
 
 def finish_contest(results: Results, out: Path | None) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
 
 from benchmarks.methods.method import Answer
@@ -47,7 +48,8 @@ class EquivAlign:
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register."""
         result = self.registrar.register(source, target, seed=seed, solver=self.solver)
-        return Answer(result.T_target_source, findings(result.diagnostics))
+        others = [np.array(other.T_target_source) for other in result.diagnostics.runner_ups]
+        return Answer(result.T_target_source, findings(result.diagnostics), others)
 
 
 def findings(diagnostics: Diagnostics) -> dict[str, Any]:
