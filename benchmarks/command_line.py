@@ -11,6 +11,11 @@ from importlib import import_module
 _BENCHMARKS = {
     "objects": ("benchmarks.objects", "objects_command", "shapes, turned and spoilt by a protocol"),
     "rgbd": ("benchmarks.rgbd", "rgbd_command", "real depth frames of a sequence"),
+    "ablations": (
+        "benchmarks.ablations.command",
+        "ablations_command",
+        "one thing changed at a time",
+    ),
     "speed": ("benchmarks.speed", "speed_command", "time, stages, growth and memory"),
     "objectives": (
         "benchmarks.objectives",

@@ -6,8 +6,6 @@ from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 
-from rich.console import Console
-
 from benchmarks.competitor import (
     ORACLE_SUFFIX,
     CandidateOracle,
@@ -20,7 +18,7 @@ from benchmarks.methods import METHOD_NAMES, OUR_NAMES, build_methods
 from benchmarks.plots import write_plots
 from benchmarks.result_sheets import result_sheets
 from benchmarks.results import Results
-from benchmarks.table import print_methods, print_sheets
+from benchmarks.table import print_methods, print_sheets, wide_console
 from model.exceptions import InvalidOptionError
 
 DEFAULT_METHODS = "ours,icp,gicp,ransac,fgr"
@@ -94,7 +92,7 @@ def _oracles(named: Sequence[str]) -> dict[str, str]:
 
 def finish_contest(results: Results, out: Path | None) -> None:
     """Print the tables; write the plots beside the results."""
-    console = Console()
+    console = wide_console()
     print_sheets(result_sheets(results), console)
     print_methods(results.methods, results.absent, console)
     if out is not None:

@@ -165,14 +165,20 @@ def require_folder(path: Path) -> None:
         )
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: Mapping[str, Any], indent: int | None = None) -> None:
     """Write JSON in one move.
+
+    Args:
+        path: in a folder that exists.
+        content: plain values, none of them NaN.
+        indent: of nested values; None writes one line.
 
     Raises:
         CloudFileError: the place can't be written.
     """
     with complete_file(path, "out") as unfinished:
-        unfinished.write_text(json.dumps(content, allow_nan=False))
+        text = json.dumps(content, allow_nan=False, indent=indent, ensure_ascii=False)
+        unfinished.write_text(text + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -182,7 +188,7 @@ def read_json(path: Path) -> dict[str, Any]:
         UnreadableFileError: not a results file, or of another version.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         if content["format_version"] != FORMAT_VERSION:
             raise ValueError(f"format version {content['format_version']}")
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -6,7 +6,6 @@ from argparse import ArgumentParser
 from collections.abc import Sequence
 
 import numpy as np
-from rich.console import Console
 from scipy.spatial.transform import Rotation
 
 from benchmarks.competitor import Competitor, Contestant, Truth
@@ -17,7 +16,7 @@ from benchmarks.protocol import ProtocolName, build_protocol
 from benchmarks.shape_pairs import ShapePairMaker, choose_shapes, list_pairs
 from benchmarks.shapes import PROCEDURAL, open_shapes
 from benchmarks.sheet import Sheet
-from benchmarks.table import print_sheets
+from benchmarks.table import print_sheets, wide_console
 
 _PROTOCOLS: Sequence[ProtocolName] = ("paper", "full", "hard")
 _CLOSE_DEG = 1e-3
@@ -40,7 +39,7 @@ def check_command(arguments: list[str], command: str) -> int:
     given = parser.parse_args(arguments)
     pairs = _pairs(given.data, given.limit, given.seed)
     faults = [fault for pair in pairs for fault in faults_of(pair)]
-    console = Console()
+    console = wide_console()
     print_sheets([_sheet(pairs)], console)
     for fault in faults:
         console.print(f"[red]{fault}[/]")

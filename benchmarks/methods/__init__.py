@@ -10,12 +10,12 @@ from benchmarks.methods.method import Answer, Method
 from model.artifact import load_artifact
 from model.exceptions import InvalidOptionError
 
-# Where each class is; imported only when it is asked for, because they bring large libraries.
+# Where each class, or what builds it, is; imported only when asked for: they bring large libraries.
 _OTHERS = {
     "icp": ("benchmarks.methods.icp", "OpenIcp"),
     "gicp": ("benchmarks.methods.icp", "OpenGicp"),
     "small_gicp": ("benchmarks.methods.small_gicp", "SmallGicp"),
-    "geometric_cvo": ("benchmarks.methods.geometric_cvo", "GeometricCvo"),
+    "geometric_cvo": ("benchmarks.methods.geometric_cvo", "geometric_cvo"),
     "identity": ("benchmarks.methods.identity", "Identity"),
     "ransac": ("benchmarks.methods.fpfh", "FpfhRansac"),
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),

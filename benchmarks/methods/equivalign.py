@@ -78,23 +78,33 @@ def _with_gradient_loop(artifact: Artifact) -> EquivAlign:
     )
 
 
-def _without_features(artifact: Artifact) -> EquivAlign:
+def without_features(artifact: Artifact) -> Artifact:
+    """The RBF kernel alone, and no hypotheses from features."""
     settings = artifact.settings
     unmatched = replace(settings, hypotheses=replace(settings.hypotheses, matches=0))
-    bare = replace(artifact, kernel="none", settings=unmatched)
+    return replace(artifact, kernel="none", settings=unmatched)
+
+
+def untrained(artifact: Artifact) -> Artifact:
+    """The same encoder before any training, always the same one."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_RANDOM_ENCODER_SEED)
+        weights = build_encoder(artifact.encoder_name, **artifact.architecture).state_dict()
+    return replace(artifact, weights=weights)
+
+
+def _without_features(artifact: Artifact) -> EquivAlign:
     return EquivAlign(
-        "ours_no_features", Registrar(bare), note="RBF kernel, no hypotheses from features"
+        "ours_no_features",
+        Registrar(without_features(artifact)),
+        note="RBF kernel, no hypotheses from features",
     )
 
 
 def _with_random_encoder(artifact: Artifact) -> EquivAlign:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_RANDOM_ENCODER_SEED)
-        weights = build_encoder(artifact.encoder_name, **artifact.architecture).state_dict()
-    untrained = replace(artifact, weights=weights)
     return EquivAlign(
         "ours_random_encoder",
-        Registrar(untrained),
+        Registrar(untrained(artifact)),
         note=f"weights never trained, seed {_RANDOM_ENCODER_SEED}",
     )
 
