@@ -9,7 +9,7 @@ from benchmarks.figures import decimals, percent
 from benchmarks.printed import printed_rotation
 from benchmarks.results import Results
 from benchmarks.shape_pairs import ASYMMETRIC
-from benchmarks.summary import Cell, Summary, cells, rows_by_method
+from benchmarks.summary import ALL_SEQUENCES, Cell, Summary, cells, rows_by_method
 
 METHODS = {
     "ours": "ours",
@@ -74,7 +74,8 @@ def headlines_of(results: Results) -> list[Headline]:
 def _chosen(results: Results) -> Sequence[Cell]:
     found = cells(results)
     if results.benchmark == "rgbd":
-        return [cell for cell in found if cell.column.startswith("extra")]
+        turned = [cell for cell in found if cell.column.startswith("extra")]
+        return [cell for cell in turned if cell.group == ALL_SEQUENCES] or turned
     if results.benchmark != "objects":
         return []
     asymmetric = [cell for cell in found if cell.group == ASYMMETRIC]

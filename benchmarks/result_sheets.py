@@ -4,8 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from benchmarks.figures import decimals, figures_of
-from benchmarks.printed import FRAMES, MARK, SOURCE, printed_methods, printed_rotation
+from benchmarks.calibration import Calibration, with_probability
+from benchmarks.figures import decimals, figures_of, percent
+from benchmarks.printed import (
+    ABLATION_SOURCE,
+    ABLATIONS,
+    FRAMES,
+    MARK,
+    SOURCE,
+    printed_methods,
+    printed_rotation,
+)
 from benchmarks.results import Results
 from benchmarks.shape_pairs import LEFT_OUT
 from benchmarks.sheet import Sheet
@@ -22,8 +31,47 @@ def result_sheets(results: Results) -> list[Sheet]:
         for group in groups
         for turn in dict.fromkeys(cell.turn for cell in found if cell.group == group)
     ]
-    printed = [_printed_frames()] if results.benchmark == "rgbd" else []
-    return [*overviews, *details, *printed]
+    return [*overviews, *details, *_calibration(results), *_printed(results)]
+
+
+def _calibration(results: Results) -> list[Sheet]:
+    """Whether stated probabilities hold, for methods that state any."""
+    rows = []
+    for method in with_probability(results):
+        calibration = Calibration.of(results, method)
+        rows.append(
+            [
+                method,
+                str(len(calibration.stated)),
+                percent(float(calibration.stated.mean())),
+                percent(float(calibration.right.mean())),
+                decimals(calibration.expected_error, 3),
+                decimals(calibration.brier, 3),
+                decimals(calibration.ranking, 3),
+            ]
+        )
+    head = ["method", "pairs", "stated", "true", "calibration error", "Brier", "ranking"]
+    note = (
+        "All pairs together. Calibration error: between stated and true shares of successes, by "
+        "tenths of probability. Ranking: how often a success is stated to be likelier than a "
+        "failure (area under the ROC curve)."
+    )
+    return [Sheet("success probability", head, rows, note=note)] if rows else []
+
+
+def _printed(results: Results) -> list[Sheet]:
+    if results.benchmark == "rgbd":
+        return [_printed_frames()]
+    return [
+        Sheet(
+            "the paper's ablation, as printed",
+            ["row", "rot. mean °", "std °"],
+            [[f"{row.name} {MARK}", decimals(row.mean, 2), decimals(row.std, 2)] for row in rows],
+            note=f"{ABLATION_SOURCE}; trained and tested on ModelNet40 at angles below 45°.",
+        )
+        for rows in [ABLATIONS.get(str(results.settings.get("study")), [])]
+        if rows
+    ]
 
 
 def _overview(results: Results, found: Sequence[Cell]) -> Sheet:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 import pytest
 
+from benchmarks import self_check
+from benchmarks.command_line import benchmark_command
 from benchmarks.competitor import CandidateOracle, Contestant, Truth
 from benchmarks.methods import Answer, build_methods
 from benchmarks.pair import BenchmarkPair, FloatArray
 from benchmarks.pose_error import ADDS_SUCCESS, PoseError
+from benchmarks.self_check import faults_of
 
 
 def test_the_truth_scores_nothing(pairs: list[BenchmarkPair]) -> None:
@@ -113,3 +117,38 @@ def test_the_oracle_is_never_worse_than_our_answer(pairs: list[BenchmarkPair]) -
         error = PoseError.of(contestant.answer(pair).answer.T_target_source, pair)
         best = PoseError.of(CandidateOracle(contestant).answer(pair).answer.T_target_source, pair)
         assert best.rank <= error.rank
+
+
+def test_the_self_check_finds_no_fault_in_the_scoring(pairs: list[BenchmarkPair]) -> None:
+    assert [fault for pair in pairs for fault in faults_of(pair)] == []
+
+
+def test_the_self_check_finds_a_scoring_that_is_wrong(
+    pairs: list[BenchmarkPair], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def blind(T_found: FloatArray, pair: BenchmarkPair) -> PoseError:
+        return PoseError(0.0, 0.0, 0.0, 0.0, 0.0)
+
+    def upside_down(T_found: FloatArray, pair: BenchmarkPair) -> PoseError:
+        inverted = Truth(inverted=True).answer(pair).answer.T_target_source
+        return right(T_found, replace(pair, T_target_source=inverted))
+
+    def lenient(T_found: FloatArray, pair: BenchmarkPair) -> PoseError:
+        return replace(right(T_found, pair), adds=0.0)
+
+    right = PoseError.of
+    for wrong, said in (
+        (blind, ["initial angle", "applied twice"]),
+        (lenient, ["the inverse passes for a success"]),
+        (upside_down, ["the truth has no rotation error", "applied twice"]),
+    ):
+        monkeypatch.setattr(self_check.PoseError, "of", wrong)
+        faults = " ".join(faults_of(pairs[0]))
+        for claim in said:
+            assert claim in faults
+
+
+def test_the_check_is_a_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert benchmark_command(["check", "--limit", "1"]) == 0
+    monkeypatch.setattr(self_check, "faults_of", lambda pair: ["a fault"])
+    assert benchmark_command(["check", "--limit", "1"]) == 1
