@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
-from collections.abc import Sequence
 from pathlib import Path
 
 from benchmarks.competitor import (
@@ -61,14 +60,14 @@ def competitors_of(given: Namespace) -> tuple[list[Competitor], list[str]]:
         InvalidOptionError: nobody takes part, or a method that isn't known.
         CloudFileError: a file of poses can't be read.
     """
-    references, oracles = _references(given.methods), _oracles(given.methods)
-    named = [n for n in given.methods if n not in references and n not in oracles]
+    references, oracles = _references(), _oracles()
     # An oracle chooses among the candidates of a method, whether that takes part or not.
-    field = build_methods(dict.fromkeys([*named, *oracles.values()]), given.artifact)
+    needed = [oracles.get(name, name) for name in given.methods if name not in references]
+    field = build_methods(dict.fromkeys(needed), given.artifact)
     contestants = {method.name: Contestant(method) for method in field.methods}
-    competitors: list[Competitor] = [c for name, c in contestants.items() if name in named]
-    competitors += [CandidateOracle(contestants[name]) for name in oracles.values()]
-    competitors += references.values()
+    known: dict[str, Competitor] = {**references, **contestants}
+    known |= {o: CandidateOracle(contestants[n]) for o, n in oracles.items() if n in contestants}
+    competitors = [known[name] for name in dict.fromkeys(given.methods) if name in known]
     competitors += [ExternalPoses.read(path) for path in given.external]
     if not competitors:
         raise InvalidOptionError(
@@ -79,15 +78,13 @@ def competitors_of(given: Namespace) -> tuple[list[Competitor], list[str]]:
     return competitors, field.absent
 
 
-def _references(named: Sequence[str]) -> dict[str, Truth]:
-    known = {truth.name: truth for truth in (Truth(), Truth(inverted=True))}
-    return {name: known[name] for name in named if name in known}
+def _references() -> dict[str, Truth]:
+    return {truth.name: truth for truth in (Truth(), Truth(inverted=True))}
 
 
-def _oracles(named: Sequence[str]) -> dict[str, str]:
+def _oracles() -> dict[str, str]:
     """The method whose candidates each oracle chooses among."""
-    ours = {name + ORACLE_SUFFIX: name for name in OUR_NAMES}
-    return {name: ours[name] for name in named if name in ours}
+    return {name + ORACLE_SUFFIX: name for name in OUR_NAMES}
 
 
 def finish_contest(results: Results, out: Path | None) -> None:

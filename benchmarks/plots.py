@@ -83,8 +83,9 @@ def _scattered(results: Results, method: str, rows: Sequence[Row]) -> list[Serie
     used = np.unique(bins)
     if len(used) == 1:
         return [points]
+    middles = [float(angles[bins == b].mean()) for b in used]
     medians = [float(np.median(errors[bins == b])) for b in used]
-    return [points, Series("", (used * _ANGLE_BIN_DEG).tolist(), medians, "line", colour)]
+    return [points, Series("", middles, medians, "line", colour)]
 
 
 def _cumulative(results: Results, cell: Cell) -> Plot:

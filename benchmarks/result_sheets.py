@@ -62,6 +62,9 @@ def _calibration(results: Results) -> list[Sheet]:
 def _printed(results: Results) -> list[Sheet]:
     if results.benchmark == "rgbd":
         return [_printed_frames()]
+    rows = ABLATIONS.get(str(results.settings.get("study")), ())
+    if not rows:
+        return []
     return [
         Sheet(
             "the paper's ablation, as printed",
@@ -69,8 +72,6 @@ def _printed(results: Results) -> list[Sheet]:
             [[f"{row.name} {MARK}", decimals(row.mean, 2), decimals(row.std, 2)] for row in rows],
             note=f"{ABLATION_SOURCE}; trained and tested on ModelNet40 at angles below 45°.",
         )
-        for rows in [ABLATIONS.get(str(results.settings.get("study")), [])]
-        if rows
     ]
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from argparse import ArgumentParser
 from collections.abc import Sequence
 
@@ -67,21 +68,21 @@ def faults_of(pair: BenchmarkPair) -> list[str]:
     R = Rotation.from_matrix(pair.T_target_source[:3, :3])
     t = pair.T_target_source[:3, 3]
     identity, truth, inverse = (_score(who, pair) for who in _competitors())
-    expected = {
+    expected: dict[str, tuple[float, float]] = {
         "the identity's rotation error is the initial angle": (
             identity.rotation_deg,
-            np.degrees(R.magnitude()),
+            math.degrees(R.magnitude()),
         ),
         "the identity's translation error is the pose's": (
             identity.translation,
-            np.linalg.norm(t),
+            float(np.linalg.norm(t)),
         ),
         "the truth has no rotation error": (truth.rotation_deg, 0.0),
         "the truth has no translation error": (truth.translation, 0.0),
         "the truth has no ADD-S": (truth.adds or 0.0, 0.0),
         "the inverse is off by the pose applied twice": (
             inverse.rotation_deg,
-            np.degrees((R * R).magnitude()),
+            math.degrees((R * R).magnitude()),
         ),
     }
     faults = [

@@ -9,6 +9,7 @@ import numpy as np
 
 from benchmarks.pose_error import ADDS_SUCCESS
 from benchmarks.results import Results, Row
+from benchmarks.shape_pairs import SYMMETRIC
 
 ALL_SEQUENCES = "all sequences"
 
@@ -93,7 +94,8 @@ class Cell:
 def cells(results: Results) -> list[Cell]:
     """The cells of the list, in its order, group by group; then all sequences together."""
     entries = [pair.entry for pair in results.pairs.values()]
-    groups = list(dict.fromkeys(entry.group for entry in entries))
+    # Symmetric shapes come last, wherever the first of them was met.
+    groups = sorted(dict.fromkeys(e.group for e in entries), key=lambda group: group == SYMMETRIC)
     if results.benchmark == "rgbd" and len(groups) > 1:
         groups.append(ALL_SEQUENCES)
     found = dict.fromkeys(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from benchmarks.ablations.arm import Arm, both, one_start, search, with_hypotheses
 from benchmarks.ablations.recipe import Recipe, Workshop
@@ -63,7 +64,7 @@ def _encoder(shipped: Artifact, workshop: Workshop) -> list[Arm]:
 
 
 def _hypotheses(shipped: Artifact, workshop: Workshop) -> list[Arm]:
-    changes = {
+    changes: dict[str, dict[str, Any]] = {
         "all hypotheses": {},
         "without matches": {"matches": 0},
         "without grid": {"grid_step_deg": 0.0},
