@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from benchmarks.folder import make_folder
 from benchmarks.plot import Plot, Series, colour_of
 from model.cloud_file.atomic_file import complete_file
-from model.exceptions import UnreadableFileError
 
 _DOTS_PER_INCH = 110
 
@@ -32,7 +32,7 @@ def write_images(plots: Sequence[Plot], folder: Path) -> str:
         from matplotlib.figure import Figure
     except ModuleNotFoundError as error:
         return f"no PNG plots: the package {error.name} isn't installed"
-    _make(folder)
+    make_folder(folder, "out")
     for plot in plots:
         figure = Figure(figsize=(7.2, 4.4), layout="constrained")
         FigureCanvasAgg(figure)
@@ -40,18 +40,6 @@ def write_images(plots: Sequence[Plot], folder: Path) -> str:
         with complete_file(folder / f"{_file_name(plot.name)}.png", "out") as unfinished:
             figure.savefig(unfinished, dpi=_DOTS_PER_INCH)
     return f"{folder}/: {len(plots)} PNG plots"
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the folder of plots can't be made: {error.strerror}",
-            field="out",
-            value=folder,
-            mend="give another place, where no file has this name",
-        ) from error
 
 
 def _file_name(name: str) -> str:

@@ -4,21 +4,24 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
+from benchmarks.ablations.arm import Arm
 from benchmarks.ablations.recipe import CONFIGS, Workshop
 from benchmarks.ablations.studies import STUDIES, Study
 from benchmarks.competitor import Competitor, Contestant
 from benchmarks.contest import contest_progress, hold_contest
 from benchmarks.contest_options import finish_contest, names
+from benchmarks.folder import make_folder
 from benchmarks.protocol import PAPER_ANGLES, Protocol, build_protocol
 from benchmarks.provenance import Provenance
-from benchmarks.results import open_results
+from benchmarks.results import Results, open_results
 from benchmarks.shape_pairs import ShapeChoice, ShapePairMaker, choose_shapes, list_pairs
 from benchmarks.shapes import PROCEDURAL, ShapeCollection, open_shapes
-from model.artifact import Artifact, load_artifact
-from model.exceptions import InvalidOptionError, UnreadableFileError
+from model.artifact import load_artifact
+from model.exceptions import InvalidOptionError
 
 ONE_START_COLUMNS = ("clean", "outliers")
 SEARCH_COLUMNS = ("noisy", "all")
@@ -37,14 +40,82 @@ def ablations_command(arguments: list[str], command: str) -> int:
         raise InvalidOptionError(
             "not a number of shapes", field="limit", value=given.limit, mend="give 1 or more"
         )
-    collection = open_shapes(given.data, given.split, given.seed)
-    choices = choose_shapes(collection, given.limit, 0)
+    grounds = Grounds.of(given)
     shipped = load_artifact(given.artifact)
     workshop = Workshop(given.runs, given.configs, given.steps)
-    out = _folder(given.out)
+    out = None if given.out is None else make_folder(given.out, "out")
     for study in studies:
-        _run(study, given, command, collection, choices, shipped, workshop, out)
+        file = None if out is None else out / f"{study.name}.json"
+        results = open_results(file, "ablations", _settings(given, study))
+        results.shapes = [asdict(choice) for choice in grounds.choices]
+        grounds.measure(study.arms(shipped, workshop), results, Provenance.now(command), file)
+        finish_contest(results, file)
     return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Grounds:
+    """The pairs of all studies.
+
+    Attributes:
+        collection: of shapes.
+        choices: those that pairs are made of.
+        one_start: the protocol of methods without a search.
+        search: the protocol of whole methods.
+        seed: of the pairs.
+    """
+
+    collection: ShapeCollection
+    choices: Sequence[ShapeChoice]
+    one_start: Protocol
+    search: Protocol
+    seed: int
+
+    @classmethod
+    def of(cls, given: Namespace) -> Grounds:
+        """As the options ask."""
+        collection = open_shapes(given.data, given.split, given.seed)
+        points = collection.shapes.points_per_shape
+        return cls(
+            collection,
+            choose_shapes(collection, given.limit, 0),
+            build_protocol("paper", given.angles, shape_points=points).restricted(
+                given.one_start_columns
+            ),
+            build_protocol("hard", shape_points=points).restricted(given.search_columns),
+            given.seed,
+        )
+
+    def measure(
+        self, arms: Sequence[Arm], results: Results, provenance: Provenance, file: Path | None
+    ) -> None:
+        """Fill in the rows that are missing: one start first, then the search."""
+        contests: list[tuple[Protocol, list[Competitor]]] = [
+            (self.one_start, [Contestant(method) for arm in arms for method in arm.one_start]),
+            (self.search, [Contestant(method) for arm in arms for method in arm.search]),
+        ]
+        with contest_progress() as progress:
+            for protocol, competitors in contests:
+                if competitors:
+                    hold_contest(
+                        list_pairs(protocol, self.choices, self.seed),
+                        ShapePairMaker(self.collection, protocol).make,
+                        competitors,
+                        results,
+                        provenance,
+                        file,
+                        progress,
+                    )
+
+
+def _settings(given: Namespace, study: Study) -> dict[str, Any]:
+    return {
+        "study": study.name,
+        "question": study.question,
+        "data": Path(given.data).name,
+        "split": given.split,
+        "seed": given.seed,
+    }
 
 
 def _parser() -> ArgumentParser:
@@ -113,66 +184,3 @@ def _studies(wanted: Sequence[str]) -> list[Study]:
             mend=f"choose from {', '.join(STUDIES)}",
         )
     return [STUDIES[name] for name in wanted]
-
-
-def _folder(out: Path | None) -> Path | None:
-    if out is not None:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise UnreadableFileError(
-                f"the folder can't be made: {error.strerror}",
-                field="out",
-                value=out,
-                mend="give another place",
-            ) from error
-    return out
-
-
-def _run(
-    study: Study,
-    given: Namespace,
-    command: str,
-    collection: ShapeCollection,
-    choices: Sequence[ShapeChoice],
-    shipped: Artifact,
-    workshop: Workshop,
-    out: Path | None,
-) -> None:
-    settings = {
-        "study": study.name,
-        "question": study.question,
-        "data": Path(given.data).name,
-        "split": given.split,
-        "seed": given.seed,
-    }
-    file = None if out is None else out / f"{study.name}.json"
-    results = open_results(file, "ablations", settings)
-    arms = study.arms(shipped, workshop)
-    provenance = Provenance.now(command)
-    results.shapes = [asdict(choice) for choice in choices]
-    arenas: list[tuple[Protocol, list[Competitor]]] = [
-        (
-            build_protocol("paper", given.angles).restricted(given.one_start_columns),
-            [Contestant(method) for arm in arms for method in arm.one_start],
-        ),
-        (
-            build_protocol("hard", shape_points=collection.shapes.points_per_shape).restricted(
-                given.search_columns
-            ),
-            [Contestant(method) for arm in arms for method in arm.search],
-        ),
-    ]
-    with contest_progress() as progress:
-        for protocol, competitors in arenas:
-            if competitors:
-                hold_contest(
-                    list_pairs(protocol, choices, given.seed),
-                    ShapePairMaker(collection, protocol).make,
-                    competitors,
-                    results,
-                    provenance,
-                    file,
-                    progress,
-                )
-    finish_contest(results, file)

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from rich.console import Console
 
+from benchmarks.folder import make_folder
 from model.artifact import DESCRIPTION_FILE, Artifact, load_artifact
 from model.exceptions import EquivAlignError, InvalidOptionError, UnreadableFileError
 
@@ -93,8 +94,7 @@ class Workshop:
         last = _last_checkpoint(place)
         if last is not None:
             command.append(f"--ckpt_path={last}")
-        log = place / "training.log"
-        _make(place)
+        log = make_folder(place, "runs") / "training.log"
         Console().print(f"{recipe.name}: {recipe.note}; {log}", soft_wrap=True, highlight=False)
         # A process of its own: a training sets seeds, threads and warnings for all of it.
         with log.open("a") as stream:
@@ -114,18 +114,6 @@ class Workshop:
         if last is None:
             raise EquivAlignError("the training left no checkpoint", field="runs", value=place)
         export(last, place / "artifact", recipe.name)
-
-
-def _make(place: Path) -> None:
-    try:
-        place.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the folder can't be made: {error.strerror}",
-            field="runs",
-            value=place,
-            mend="give another place with --runs",
-        ) from error
 
 
 def _last_line(log: Path) -> str:

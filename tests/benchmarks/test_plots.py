@@ -84,7 +84,7 @@ def test_a_file_in_the_place_of_the_images_is_refused(
 ) -> None:
     pytest.importorskip("matplotlib")
     (tmp_path / "r").write_text("mine")
-    with pytest.raises(UnreadableFileError, match="folder of plots"):
+    with pytest.raises(UnreadableFileError, match="folder can't be made"):
         write_plots(results(pairs), tmp_path / "r.json")
     assert (tmp_path / "r").read_text() == "mine"
 
