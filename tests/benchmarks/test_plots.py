@@ -10,6 +10,7 @@ from benchmarks.calibration import Calibration, with_probability
 from benchmarks.pair import BenchmarkPair
 from benchmarks.plots import result_plots, write_plots
 from benchmarks.pose_error import PoseError
+from benchmarks.result_sheets import result_sheets
 from benchmarks.results import Results, Row
 from model.exceptions import UnreadableFileError
 
@@ -99,3 +100,10 @@ def test_calibration_tells_bold_from_honest(pairs: list[BenchmarkPair]) -> None:
     assert bold.ranking == 0.5
     assert bold.bins() == [(pytest.approx(0.95), 0.5, 4)]
     assert with_probability(results(pairs)) == []
+
+
+def test_the_tables_say_whether_probabilities_hold(pairs: list[BenchmarkPair]) -> None:
+    assert "success probability" not in [s.title for s in result_sheets(results(pairs))]
+    sheets = result_sheets(results(pairs, 0.9, 0.8, 0.3, 0.2, right=2))
+    [sheet] = [sheet for sheet in sheets if sheet.title == "success probability"]
+    assert sheet.rows == [["ours", "4", "55 %", "50 %", "0.200", "0.045", "1.000"]]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shlex
 from pathlib import Path
 
 import pytest
@@ -130,3 +131,28 @@ def test_the_documents_in_the_repository_are_those_that_were_generated() -> None
     assert (ROOT / "docs" / "results.md").read_text("utf-8") == document_text(collected)
     readme = (ROOT / "README.md").read_text("utf-8")
     assert with_table(readme, readme_table(collected), ROOT / "README.md") == readme
+
+
+def documented_commands() -> list[list[str]]:
+    """The words after ``python -m benchmarks`` of every command in docs/benchmarks.md."""
+    text = (ROOT / "docs" / "benchmarks.md").read_text("utf-8")
+    blocks = re.findall(r"^```sh\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+    lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+    commands = [shlex.split(line, comments=True) for line in lines]
+    return [words[3:] for words in commands if words[:3] == ["python", "-m", "benchmarks"]]
+
+
+@pytest.mark.parametrize("words", documented_commands(), ids=" ".join)
+def test_documented_commands_have_the_options_they_use(
+    words: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        benchmark_command([words[0], "--help"])
+    assert end.value.code == 0
+    helped = capsys.readouterr().out
+    assert [word for word in words if word.startswith("--") and word not in helped] == []
+
+
+def test_the_papers_three_experiments_are_documented() -> None:
+    names = [words[0] for words in documented_commands()]
+    assert {"objects", "rgbd", "ablations"} <= set(names)
