@@ -14,6 +14,7 @@ from benchmarks.summary import ALL_SEQUENCES, Cell, Summary, cells, rows_by_meth
 METHODS = {
     "ours": "ours",
     "ransac": "FPFH + RANSAC + ICP",
+    "ransac_3": "the same, best of 3",
     "fgr": "FPFH + FGR + ICP",
     "kiss_matcher": "KISS-Matcher + ICP",
     "icp": "ICP",

@@ -18,6 +18,7 @@ _OTHERS = {
     "geometric_cvo": ("benchmarks.methods.geometric_cvo", "geometric_cvo"),
     "identity": ("benchmarks.methods.identity", "Identity"),
     "ransac": ("benchmarks.methods.fpfh", "FpfhRansac"),
+    "ransac_3": ("benchmarks.methods.fpfh", "ransac_of_three"),
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
     "kiss_matcher": ("benchmarks.methods.kiss_matcher", "KissMatcher"),
 }

@@ -33,7 +33,7 @@ def test_local_methods_solve_a_small_turn(
         assert error.rotation_deg < 1.5
 
 
-@pytest.mark.parametrize("name", ["ransac", "fgr", "kiss_matcher"])
+@pytest.mark.parametrize("name", ["ransac", "ransac_3", "fgr", "kiss_matcher"])
 def test_global_methods_solve_any_turn(
     name: str, collection: ShapeCollection, choices: list[ShapeChoice]
 ) -> None:
