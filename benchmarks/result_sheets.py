@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from benchmarks.calibration import Calibration, with_probability
 from benchmarks.figures import decimals, figures_of, percent
+from benchmarks.pose_error import ADDS_SUCCESS
 from benchmarks.printed import (
     ABLATION_SOURCE,
     ABLATIONS,
@@ -25,7 +26,11 @@ def result_sheets(results: Results) -> list[Sheet]:
     """An overview of every group, then all figures of every cell."""
     found = cells(results)
     groups = list(dict.fromkeys(cell.group for cell in found))
-    overviews = [_overview(results, [cell for cell in found if cell.group == g]) for g in groups]
+    overviews = [
+        sheet
+        for group in groups
+        for sheet in _overviews(results, [cell for cell in found if cell.group == group])
+    ]
     details = [
         _details(results, [cell for cell in found if (cell.group, cell.turn) == (group, turn)])
         for group in groups
@@ -75,24 +80,35 @@ def _printed(results: Results) -> list[Sheet]:
     ]
 
 
-def _overview(results: Results, found: Sequence[Cell]) -> Sheet:
-    """Mean rotation error: methods down, cells across, the paper's own figures below."""
-    rows = []
-    for method in results.methods:
-        summaries = [_summary(results, cell, method) for cell in found]
-        if any(summaries):
-            rows.append([method, *(decimals(s.rotation_mean, 2) if s else "–" for s in summaries)])
-    notes = [_left_out(results)]
-    if results.settings.get("protocol") == "paper":
-        printed = _printed_rows(found)
-        rows += printed
-        notes += [f"{MARK}: {SOURCE}, on ModelNet40."] if printed else []
-    return Sheet(
-        f"{found[0].group}: mean rotation error in degrees",
-        ["method", *(f"{_turn_title(cell.turn)} {cell.column}" for cell in found)],
-        rows,
-        note=" ".join(filter(None, notes)),
-    )
+def _overviews(results: Results, found: Sequence[Cell]) -> list[Sheet]:
+    """Methods down, cells across: mean rotation errors, and successes where surfaces are known."""
+    group = found[0].group
+    head = ["method", *(f"{_turn_title(cell.turn)} {cell.column}" for cell in found)]
+    summaries = {
+        method: [_summary(results, cell, method) for cell in found] for method in results.methods
+    }
+    shown = {method: row for method, row in summaries.items() if any(row)}
+    errors = [
+        [method, *(decimals(s.rotation_mean, 2) if s else "–" for s in row)]
+        for method, row in shown.items()
+    ]
+    successes = [
+        [method, *(percent(s.adds_success) if s else "–" for s in row)]
+        for method, row in shown.items()
+    ]
+    printed = _printed_rows(found) if results.settings.get("protocol") == "paper" else []
+    source = f"{MARK}: {SOURCE}, on ModelNet40." if printed else ""
+    sheets = [
+        Sheet(
+            f"{group}: mean rotation error in degrees",
+            head,
+            errors + printed,
+            note=" ".join(filter(None, [_left_out(results), source])),
+        )
+    ]
+    if any(s is not None and s.adds_success is not None for row in shown.values() for s in row):
+        sheets.append(Sheet(f"{group}: ADD-S < {ADDS_SUCCESS}", head, successes))
+    return sheets
 
 
 def _left_out(results: Results) -> str:

@@ -23,7 +23,7 @@ from benchmarks.shapes import PROCEDURAL, ShapeCollection, open_shapes
 from model.artifact import load_artifact
 from model.exceptions import InvalidOptionError
 
-ONE_START_COLUMNS = ("clean", "outliers")
+ONE_START_COLUMNS = ("clean", "crop20")
 SEARCH_COLUMNS = ("noisy", "all")
 
 

@@ -57,7 +57,7 @@ def test_the_document_says_where_its_figures_come_from(document: str) -> None:
 
 def test_every_table_is_well_formed(document: str) -> None:
     found = tables(document)
-    assert len(found) == 2
+    assert len(found) == 3
     for lines in found:
         assert len({line.count("|") for line in lines}) == 1
         assert re.fullmatch(r"\|( :?-+:? \|)+", lines[1])
@@ -70,6 +70,12 @@ def test_the_overview_shows_the_printed_figures_as_printed(document: str) -> Non
     assert "| identity | 45.00 | 45.00 |" in overview
     assert "| EquivAlign (printed) | 0.61 | 19.20 |" in overview
     assert "| GeoTransformer (printed) | 0.67 | 1.39 |" in overview
+
+
+def test_the_second_overview_shows_successes(document: str) -> None:
+    successes = tables(document)[1]
+    assert "| identity | 0 % | 0 % |" in successes
+    assert "| ransac | 100 % | 100 % |" in successes
 
 
 def test_printed_figures_are_the_papers() -> None:
