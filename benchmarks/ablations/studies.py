@@ -59,18 +59,19 @@ def _encoder(shipped: Artifact, workshop: Workshop) -> list[Arm]:
     return [
         both("trained", shipped, "as shipped"),
         both("random encoder", untrained(shipped), "weights never trained"),
-        both("no features", without_features(shipped), "RBF kernel, nothing matched"),
+        both("no features", without_features(shipped), "surfaces alone"),
     ]
 
 
 def _hypotheses(shipped: Artifact, workshop: Workshop) -> list[Arm]:
     changes: dict[str, dict[str, Any]] = {
         "all hypotheses": {},
-        "without matches": {"matches": 0},
+        "without consensus": {"triplets": False},
+        "without single matches": {"matches": 0},
         "without grid": {"grid_step_deg": 0.0},
         "without identity": {"identity": False},
-        "matches alone": {"grid_step_deg": 0.0, "identity": False},
-        "grid alone": {"matches": 0, "identity": False},
+        "features alone": {"grid_step_deg": 0.0, "identity": False},
+        "grid alone": {"triplets": False, "matches": 0, "identity": False},
     }
     return [
         Arm(search=[search(label, with_hypotheses(shipped, **change), label)])

@@ -22,7 +22,7 @@ _OTHERS = {
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
     "kiss_matcher": ("benchmarks.methods.kiss_matcher", "KissMatcher"),
 }
-OUR_NAMES = ("ours", "ours_gradient", "ours_no_features", "ours_random_encoder")
+OUR_NAMES = ("ours", "ours_procrustes", "ours_gradient", "ours_no_features", "ours_random_encoder")
 # Packages that only one method needs, and that nobody has to install.
 _OPTIONAL = {"small_gicp", "kiss_matcher"}
 

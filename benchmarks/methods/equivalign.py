@@ -42,7 +42,8 @@ class EquivAlign:
             "variant": self.note,
             "artifact": summary["name"],
             "weights_sha256": summary["weights_sha256"],
-            "solver": self.solver or summary["solver"]["solver"],
+            "solver": self.solver or self.registrar.artifact.settings.solver,
+            "verifier": self.registrar.artifact.verifier is not None,
         }
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
@@ -78,26 +79,42 @@ def _with_gradient_loop(artifact: Artifact) -> EquivAlign:
     )
 
 
+def _with_procrustes_loop(artifact: Artifact) -> EquivAlign:
+    return EquivAlign(
+        "ours_procrustes",
+        Registrar(artifact),
+        "procrustes",
+        "closed-form steps on the paper's kernel at the end",
+    )
+
+
 def without_features(artifact: Artifact) -> Artifact:
-    """The RBF kernel alone, and no hypotheses from features."""
+    """Surfaces alone: no hypotheses from features, none in the kernel, none in the judgement.
+
+    A verifier is left out: it was fitted to features.
+    """
     settings = artifact.settings
-    unmatched = replace(settings, hypotheses=replace(settings.hypotheses, matches=0))
-    return replace(artifact, kernel="none", settings=unmatched)
+    unmatched = replace(settings.hypotheses, triplets=False, matches=0)
+    bare = replace(settings, hypotheses=unmatched, surface_features=False)
+    return replace(artifact, kernel="none", settings=bare, verifier=None)
 
 
 def untrained(artifact: Artifact) -> Artifact:
-    """The same encoder before any training, always the same one."""
+    """The same encoder before any training, always the same one; without the verifier.
+
+    That was fitted to the trained features.
+    """
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(_RANDOM_ENCODER_SEED)
         weights = build_encoder(artifact.encoder_name, **artifact.architecture).state_dict()
-    return replace(artifact, weights=weights)
+    return replace(artifact, weights=weights, verifier=None)
 
 
 def _without_features(artifact: Artifact) -> EquivAlign:
     return EquivAlign(
         "ours_no_features",
         Registrar(without_features(artifact)),
-        note="RBF kernel, no hypotheses from features",
+        note="surfaces alone, no features anywhere",
     )
 
 
@@ -111,6 +128,7 @@ def _with_random_encoder(artifact: Artifact) -> EquivAlign:
 
 VARIANTS: dict[str, Callable[[Artifact], EquivAlign]] = {
     "ours": _as_shipped,
+    "ours_procrustes": _with_procrustes_loop,
     "ours_gradient": _with_gradient_loop,
     "ours_no_features": _without_features,
     "ours_random_encoder": _with_random_encoder,
