@@ -11,6 +11,11 @@ from importlib import import_module
 _BENCHMARKS = {
     "objects": ("benchmarks.objects", "objects_command", "shapes, turned and spoilt by a protocol"),
     "rgbd": ("benchmarks.rgbd", "rgbd_command", "real depth frames of a sequence"),
+    "ablations": (
+        "benchmarks.ablations.command",
+        "ablations_command",
+        "one thing changed at a time",
+    ),
     "speed": ("benchmarks.speed", "speed_command", "time, stages, growth and memory"),
     "objectives": (
         "benchmarks.objectives",
@@ -18,6 +23,7 @@ _BENCHMARKS = {
         "which bi-level objective learns",
     ),
     "training": ("benchmarks.training_step", "training_command", "pairs a second of a training"),
+    "check": ("benchmarks.self_check", "check_command", "that the scoring has teeth"),
     "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 

@@ -47,7 +47,8 @@ def hold_contest(
         results.admit(competitor.name, competitor.settings)
     missing = [entry for entry in entries if _absent(entry, competitors, results)]
     if missing:
-        results.runs.append(provenance)
+        if provenance not in results.runs:
+            results.runs.append(provenance)
         _warm_up(make(missing[0]), competitors)
     task = progress.add_task("pairs", total=len(entries), completed=len(entries) - len(missing))
     written = time.monotonic()

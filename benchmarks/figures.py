@@ -64,5 +64,5 @@ _FRAMES = (
 
 
 def figures_of(benchmark: str) -> Sequence[Figure]:
-    """Those of ``objects`` or ``rgbd``."""
-    return {"objects": _OBJECTS, "rgbd": _FRAMES}[benchmark]
+    """Those of ``objects``, ``ablations`` or ``rgbd``."""
+    return _FRAMES if benchmark == "rgbd" else _OBJECTS

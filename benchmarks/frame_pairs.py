@@ -23,7 +23,7 @@ COLUMNS = {
 
 def list_frame_pairs(
     sequence: RgbdSequence,
-    frames: range,
+    frames: range | None,
     gaps: Sequence[int],
     columns: Sequence[str],
     limit: int | None,
@@ -33,7 +33,8 @@ def list_frame_pairs(
 
     Args:
         sequence: whose poses are known.
-        frames: the numbers of those that take part, both of a pair.
+        frames: the numbers of those that take part, both of a pair; None takes all whose poses
+            are known.
         gaps: source = target + gap.
         columns: of ``COLUMNS``.
         limit: most pairs of a gap, evenly spread; None takes all.
@@ -42,7 +43,6 @@ def list_frame_pairs(
     Raises:
         InvalidOptionError: frames or columns that don't exist, unknown poses, or no pairs at all.
     """
-    _require_frames(sequence, frames)
     unknown = [name for name in columns if name not in COLUMNS]
     if unknown or not gaps or min(gaps) < 1:
         raise InvalidOptionError(
@@ -51,20 +51,31 @@ def list_frame_pairs(
             value=f"{', '.join(columns)}; {list(gaps)}",
             mend=f"choose from {', '.join(COLUMNS)}, and give gaps of 1 or more",
         )
+    if frames is not None:
+        _require_frames(sequence, frames)
     entries = []
     for gap in gaps:
-        count = max(0, len(frames) - gap)
-        for place in evenly_spread(count, count if limit is None else limit):
-            target = frames[int(place)]
+        targets = _targets(sequence, frames, gap)
+        for place in evenly_spread(len(targets), len(targets) if limit is None else limit):
+            target = targets[int(place)]
             entries += [_entry(sequence, target, gap, column, seed) for column in columns]
     if not entries:
         raise InvalidOptionError(
-            "these frames are not that far apart",
+            "no frames with known poses are that far apart",
             field="gaps",
-            value=f"{list(gaps)} in {len(frames)} frames",
+            value=f"{list(gaps)} in {sequence.name}",
             mend="give more frames or smaller gaps",
         )
     return entries
+
+
+def _targets(sequence: RgbdSequence, frames: range | None, gap: int) -> list[int]:
+    chosen = range(len(sequence.frames)) if frames is None else frames
+    return [
+        target
+        for target in chosen
+        if target + gap in chosen and sequence.relative_pose(target, target + gap) is not None
+    ]
 
 
 def _require_frames(sequence: RgbdSequence, frames: range) -> None:
@@ -88,7 +99,7 @@ def _require_frames(sequence: RgbdSequence, frames: range) -> None:
 
 def _entry(sequence: RgbdSequence, target: int, gap: int, column: str, seed: int) -> PairEntry:
     return PairEntry(
-        name=f"{column}/gap{gap}/{target:05d}",
+        name=f"{column}/gap{gap}/{sequence.name}-{target:05d}",
         column=column,
         turn=f"gap {gap}",
         subject=target,

@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from statistics import mean, stdev
 from typing import Any
 
+from benchmarks.markdown import markdown
 from benchmarks.objective import OBJECTIVES
 from benchmarks.objective_study import MEASURED
 from benchmarks.provenance import Provenance
-from benchmarks.report import markdown
 from benchmarks.sheet import Sheet
 
 COLUMNS = [f"{kind}, {solver}" for kind, solver in MEASURED]

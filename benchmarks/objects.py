@@ -17,6 +17,7 @@ from benchmarks.contest_options import (
     finish_contest,
     names,
 )
+from benchmarks.folder import make_folder
 from benchmarks.pair import PairEntry
 from benchmarks.protocol import PAPER_ANGLES, Protocol, ProtocolName, Sampler, build_protocol
 from benchmarks.provenance import Provenance
@@ -146,9 +147,12 @@ def export_pairs(entries: Sequence[PairEntry], maker: ShapePairMaker, folder: Pa
         entries: the list.
         maker: of the arrays.
         folder: made where it isn't there.
+
+    Raises:
+        UnreadableFileError: it can't be made.
     """
     for entry in entries:
         pair = maker.make(entry)
         path = folder / f"{entry.name}.npz"
-        path.parent.mkdir(parents=True, exist_ok=True)
+        make_folder(path.parent, "export_pairs")
         np.savez(path, source=pair.source, target=pair.target, seed=entry.seed)

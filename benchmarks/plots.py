@@ -1,4 +1,4 @@
-"""One offline page of plots: error by initial angle, cumulative error, reliability."""
+"""What a results file shows at a glance: error by initial angle, cumulative error, reliability."""
 
 from __future__ import annotations
 
@@ -6,146 +6,131 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 
-from benchmarks.pose_error import ADDS_SUCCESS
+from benchmarks.calibration import Calibration, with_probability
+from benchmarks.plot import Plot, Series
+from benchmarks.plot_images import write_images
+from benchmarks.plot_page import write_page
 from benchmarks.results import Results, Row
 from benchmarks.summary import Cell, cells, rows_by_method
-from model.exceptions import UnreadableFileError
 
-_COLOURS = (
-    "#0072b2",
-    "#d55e00",
-    "#009e73",
-    "#cc79a7",
-    "#e69f00",
-    "#56b4e9",
-    "#444444",
-    "#8c6d31",
-)
 _LEAST_ERROR_DEG = 1e-3
-_BINS = 10
+_ANGLE_BIN_DEG = 20.0
 
 
-def write_plots(results: Results, page: Path) -> None:
-    """Write the page; it needs no network.
+def write_plots(results: Results, out: Path) -> list[str]:
+    """Draw all plots beside a results file: OUT.html, and OUT/NAME.png where matplotlib is.
+
+    Args:
+        results: at least one answer.
+        out: the results file.
+
+    Returns:
+        what was written, or why not, a line each.
 
     Raises:
-        UnreadableFileError: the place can't be written.
+        CloudFileError: a place can't be written.
     """
-    figures = [
-        figure
-        for cell in cells(results)
-        for figure in (_by_initial_angle(results, cell), _cumulative(results, cell))
+    drawn = result_plots(results)
+    page = out.with_suffix(".html")
+    write_page(f"{results.benchmark} benchmark", drawn, page)
+    return [str(page), write_images(drawn, out.with_suffix(""))]
+
+
+def result_plots(results: Results) -> list[Plot]:
+    """By initial angle for every column, cumulative for every cell, reliability for every method.
+
+    Args:
+        results: the answers.
+    """
+    found = cells(results)
+    columns = dict.fromkeys((cell.group, cell.column) for cell in found)
+    return [
+        *(
+            _by_initial_angle(results, [c for c in found if (c.group, c.column) == column])
+            for column in columns
+        ),
+        *(_cumulative(results, cell) for cell in found),
+        *(_reliability(results, method) for method in with_probability(results)),
     ]
-    figures += [_reliability(results, method) for method in _with_probability(results)]
-    bodies = [figure.to_html(full_html=False, include_plotlyjs=False) for figure in figures]
-    title = f"{results.benchmark} benchmark"
-    try:
-        page.write_text(
-            f'<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>'
-            f"<script>{get_plotlyjs()}</script></head>"
-            f'<body style="font-family: sans-serif"><h1>{title}</h1>{"".join(bodies)}</body></html>'
-        )
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the plots can't be written: {error.strerror}",
-            field="out",
-            value=page,
-            mend="give a file in a folder that exists and can be written",
-        ) from error
 
 
-def _by_initial_angle(results: Results, cell: Cell) -> go.Figure:
-    figure = _empty(f"{_title(cell)}: error by initial angle", "initial angle / °", "error / °")
-    for method, rows in rows_by_method(results, cell).items():
-        figure.add_scatter(
-            x=[results.pairs[row.pair].initial_deg for row in rows],
-            y=_floored([row.error.rotation_deg for row in rows]),
-            text=[results.pairs[row.pair].entry.subject_name for row in rows],
-            mode="markers",
-            name=method,
-            marker={"color": _colour(results, method), "size": 6, "opacity": 0.7},
-        )
-    figure.update_yaxes(type="log")
-    return figure
+def _by_initial_angle(results: Results, found: Sequence[Cell]) -> Plot:
+    """All turns of one column; with a line through the medians where the angles differ."""
+    group, column = found[0].group, found[0].column
+    series = []
+    for method in results.methods:
+        rows = [row for cell in found for row in rows_by_method(results, cell).get(method, [])]
+        if rows:
+            series += _scattered(results, method, rows)
+    return Plot(
+        name=f"error_by_angle_{group}_{column}",
+        title=f"{group}, {column}: error by initial angle",
+        x_title="initial angle / °",
+        y_title="rotation error / °",
+        series=series,
+        log_y=True,
+    )
 
 
-def _cumulative(results: Results, cell: Cell) -> go.Figure:
-    figure = _empty(f"{_title(cell)}: share of pairs below an error", "error / °", "share")
+def _scattered(results: Results, method: str, rows: Sequence[Row]) -> list[Series]:
+    angles = np.array([results.pairs[row.pair].initial_deg for row in rows])
+    errors = np.array(_floored([row.error.rotation_deg for row in rows]))
+    colour = _colour(results, method)
+    names = [results.pairs[row.pair].entry.subject_name for row in rows]
+    points = Series(method, angles.tolist(), errors.tolist(), "points", colour, names)
+    bins = (angles / _ANGLE_BIN_DEG).round()
+    used = np.unique(bins)
+    if len(used) == 1:
+        return [points]
+    middles = [float(angles[bins == b].mean()) for b in used]
+    medians = [float(np.median(errors[bins == b])) for b in used]
+    return [points, Series("", middles, medians, "line", colour)]
+
+
+def _cumulative(results: Results, cell: Cell) -> Plot:
+    series = []
     for method, rows in rows_by_method(results, cell).items():
         errors = np.sort(_floored([row.error.rotation_deg for row in rows]))
-        figure.add_scatter(
-            x=errors,
-            y=np.arange(1, len(errors) + 1) / len(errors),
-            mode="lines",
-            line={"shape": "hv", "color": _colour(results, method)},
-            name=method,
-        )
-    figure.update_xaxes(type="log")
-    figure.update_yaxes(range=[0.0, 1.02])
-    return figure
+        shares = np.arange(1, len(errors) + 1) / len(errors)
+        colour = _colour(results, method)
+        series.append(Series(method, errors.tolist(), shares.tolist(), "steps", colour))
+    return Plot(
+        name=f"cumulative_{cell.group}_{cell.turn}_{cell.column}",
+        title=f"{cell.group}, {cell.turn}, {cell.column}: share of pairs below an error",
+        x_title="rotation error / °",
+        y_title="share",
+        series=series,
+        log_x=True,
+        y_share=True,
+    )
 
 
-def _reliability(results: Results, method: str) -> go.Figure:
+def _reliability(results: Results, method: str) -> Plot:
     """How often a pose is right among those that were said to be right with some probability."""
-    figure = _empty(
-        f"{method}: reliability of the success probability", "stated probability", "success"
+    calibration = Calibration.of(results, method)
+    bins = calibration.bins()
+    measured = Series(
+        f"{method}, {len(calibration.stated)} pairs, "
+        f"expected calibration error {calibration.expected_error:.3f}",
+        [stated for stated, _, _ in bins],
+        [right for _, right, _ in bins],
+        "line",
+        _colour(results, method),
+        [f"{count} pairs" for _, _, count in bins],
     )
-    rows = [row for row in results.rows.values() if row.method == method]
-    stated = np.array([row.findings["success_probability"] for row in rows])
-    right = np.array([_succeeded(row) for row in rows])
-    bins = np.minimum((stated * _BINS).astype(int), _BINS - 1)
-    used = np.unique(bins)
-    figure.add_scatter(
-        x=[stated[bins == b].mean() for b in used],
-        y=[right[bins == b].mean() for b in used],
-        text=[f"{(bins == b).sum()} pairs" for b in used],
-        mode="lines+markers",
-        name=f"{method}, {len(rows)} pairs",
-        line={"color": _colour(results, method)},
-    )
-    figure.add_scatter(
-        x=[0.0, 1.0], y=[0.0, 1.0], mode="lines", name="calibrated", line={"dash": "dot"}
-    )
-    return figure
-
-
-def _with_probability(results: Results) -> list[str]:
-    """Methods that state a probability for each of their poses."""
-    return [
-        method
-        for method in results.methods
-        if (rows := [row for row in results.rows.values() if row.method == method])
-        and all("success_probability" in row.findings for row in rows)
-    ]
-
-
-def _succeeded(row: Row) -> bool:
-    if row.error.adds is not None:
-        return row.error.adds < ADDS_SUCCESS
-    return row.error.rotation_deg < 5.0
-
-
-def _empty(title: str, x: str, y: str) -> go.Figure:
-    return go.Figure(
-        layout={
-            "title": title,
-            "xaxis_title": x,
-            "yaxis_title": y,
-            "template": "plotly_white",
-            "height": 420,
-        }
+    return Plot(
+        name=f"reliability_{method}",
+        title=f"{method}: reliability of the success probability",
+        x_title="stated probability",
+        y_title="share of successes",
+        series=[measured, Series("calibrated", [0.0, 1.0], [0.0, 1.0], "guide")],
+        y_share=True,
     )
 
 
-def _title(cell: Cell) -> str:
-    return f"{cell.group}, {cell.turn}, {cell.column}"
-
-
-def _colour(results: Results, method: str) -> str:
-    return _COLOURS[list(results.methods).index(method) % len(_COLOURS)]
+def _colour(results: Results, method: str) -> int:
+    return list(results.methods).index(method)
 
 
 def _floored(errors: Sequence[float]) -> list[float]:

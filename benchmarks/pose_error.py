@@ -51,6 +51,11 @@ class PoseError:
             adds=None if pair.surface is None else adds(pair.surface, off.numpy()),
         )
 
+    @property
+    def rank(self) -> tuple[bool, float]:
+        """Smaller is better: a success by ADD-S before any failure, then the SE(3) logarithm."""
+        return self.adds is not None and self.adds >= ADDS_SUCCESS, self.se3_log
+
 
 def adds(surface: FloatArray, T_off: FloatArray) -> float:
     """ADD-S of a surface (P, 3) whose found pose is T_off (4, 4) away from the true one."""

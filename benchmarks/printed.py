@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 SOURCE = "EquivAlign, ECCV 2024, tables 1 and 2"
+ABLATION_SOURCE = "EquivAlign, ECCV 2024, table 3"
 MARK = "(printed)"
 
 _COLUMNS = ("clean", "noise", "outliers", "crop5", "crop10", "crop20")
@@ -65,6 +66,28 @@ FRAMES = (
     PrintedFrames("E2PN", 5.20, None, None, None),
     PrintedFrames("EquivAlign", 0.53, 0.99, 0.01, 0.02),
 )
+
+
+@dataclass(frozen=True, slots=True)
+class PrintedAblation:
+    """A row of the paper's ablations, rotation errors in degrees; None where it has no figure."""
+
+    name: str
+    mean: float
+    std: float | None
+
+
+# By study. Its study of lengthscales is drawn, not printed.
+ABLATIONS = {
+    "kernel": (
+        PrintedAblation("RBF × tanh", 0.29, None),
+        PrintedAblation("RBF only, on the direct sum", 81.97, None),
+    ),
+    "curriculum": (
+        PrintedAblation("1, 10, 20, 30, 45°", 0.29, 0.469),
+        PrintedAblation("45° directly", 2.73, 9.1),
+    ),
+}
 
 
 def printed_rotation(method: str, turn: str, column: str) -> float | None:

@@ -1,49 +1,77 @@
-"""``report``: one Markdown document from results files."""
+"""``report``: all results in one Markdown document, and the README's table."""
 
 from __future__ import annotations
 
 from argparse import ArgumentParser
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 
+from benchmarks.document import Document, Section
+from benchmarks.markdown import markdown
 from benchmarks.provenance import Provenance
-from benchmarks.result_sheets import result_sheets
-from benchmarks.results import read_json, read_results
-from benchmarks.sheet import Sheet
-from benchmarks.speed_file import read_speed
+from benchmarks.readme import update_readme
+from benchmarks.results import read_json
 from benchmarks.table import in_words
-from model.exceptions import UnreadableFileError
+from model.cloud_file.atomic_file import complete_file
+from model.exceptions import InvalidOptionError
 
 _OURS = "weights_sha256"
 
 
 def report_command(arguments: list[str], command: str) -> int:
-    """Write the tables of results files as Markdown.
+    """Collect the tables of results files, and write them as JSON and as Markdown.
 
     Args:
         arguments: after the command's name.
         command: the whole command; the document states it.
     """
     parser = ArgumentParser(prog="equivalign benchmark report", description=__doc__)
-    parser.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help="JSON files")
-    parser.add_argument("--out", type=Path, required=True, metavar="FILE", help="Markdown")
+    parser.add_argument(
+        "results",
+        type=Path,
+        nargs="+",
+        metavar="RESULTS",
+        help="JSON files of benchmarks, or what this command collected from them",
+    )
+    parser.add_argument(
+        "--out",
+        type=Path,
+        required=True,
+        metavar="FILE",
+        help="Markdown; the same name with .json holds the collected tables",
+    )
+    parser.add_argument("--readme", type=Path, metavar="FILE", help="gets the table of headlines")
     given = parser.parse_args(arguments)
-    sections = [_section(path) for path in given.results]
-    text = "\n".join([_introduction(command), *sections])
-    try:
-        given.out.write_text(text)
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the report can't be written: {error.strerror}",
-            field="out",
-            value=given.out,
-            mend="give a file in a folder that exists and can be written",
-        ) from error
-    Console().print(str(given.out))
+    document = Document.of(given.results, command)
+    written = [given.out.with_suffix(".json"), given.out]
+    _require_no_results(written[0])
+    document.write(written[0])
+    with complete_file(written[1], "out") as unfinished:
+        unfinished.write_text(document_text(document), encoding="utf-8")
+    if given.readme is not None:
+        update_readme(document, given.readme)
+        written.append(given.readme)
+    Console().print(", ".join(map(str, written)), soft_wrap=True, highlight=False)
     return 0
+
+
+def _require_no_results(collected: Path) -> None:
+    """Tables must not take the place of the answers they were made from."""
+    if collected.exists() and "sections" not in read_json(collected):
+        raise InvalidOptionError(
+            "the collected tables would overwrite results",
+            field="out",
+            value=collected,
+            mend="give another name than that of a results file",
+        )
+
+
+def document_text(document: Document) -> str:
+    """The whole document as Markdown."""
+    return "\n".join([_introduction(document.command), *map(_section, document.sections)])
 
 
 def _introduction(command: str) -> str:
@@ -56,61 +84,40 @@ def _introduction(command: str) -> str:
             "Every method of a table got the same arrays in the same run. Rotation errors are "
             "geodesic angles; ‖log‖ is the norm of the SE(3) logarithm of what is left, in radians "
             "and units of the cloud; ADD-S is the mean distance from the dense clean surface at "
-            "the true pose to the surface at the found one, in unit spheres. Seconds are medians.",
+            "the true pose to the surface at the found one, in unit spheres. Seconds are medians. "
+            "A row whose name ends in `_oracle` is no method: it is the best by the true pose of "
+            "a method's last candidates, what a perfect choice among them would reach.",
             "",
         ]
     )
 
 
-def _section(path: Path) -> str:
-    benchmark = read_json(path)["benchmark"]
-    if benchmark == "speed":
-        speed = read_speed(path)
-        return _document(
-            "speed", speed.settings, speed.runs, speed.methods, speed.sheets, absent=[]
-        )
-    results = read_results(path)
-    return _document(
-        benchmark,
-        results.settings,
-        results.runs,
-        results.methods,
-        result_sheets(results),
-        results.absent,
-    )
-
-
-def _document(
-    benchmark: str,
-    settings: Mapping[str, Any],
-    runs: Sequence[Provenance],
-    methods: Mapping[str, Mapping[str, Any]],
-    sheets: Sequence[Sheet],
-    absent: Sequence[str],
-) -> str:
-    title = ", ".join(str(value) for value in _naming(settings))
-    stated = [line for run in runs for line in _stated(run)]
+def _section(section: Section) -> str:
+    title = ", ".join(str(value) for value in _naming(section.settings))
+    stated = [line for run in section.runs for line in _stated(run)]
+    methods = section.methods
     artifacts = {m[_OURS][:12]: m["artifact"] for m in methods.values() if m.get(_OURS)}
     stated += [f"- artifact: {name}, SHA-256 of its weights {h}…" for h, name in artifacts.items()]
-    stated += [f"- pairs: {in_words(settings)}"]
+    stated += [f"- pairs: {in_words(section.settings)}"]
     return "\n".join(
         [
-            f"## {benchmark}: {title}" if title else f"## {benchmark}",
+            f"## {section.benchmark}: {title}" if title else f"## {section.benchmark}",
             "",
             *stated,
             "",
-            *(markdown(sheet) for sheet in sheets),
+            *(markdown(sheet) for sheet in section.sheets),
             "Methods:",
             "",
             *(f"- {method}: {in_words(described)}" for method, described in methods.items()),
-            *(f"- {line}" for line in absent),
+            *(f"- {line}" for line in section.absent),
             "",
         ]
     )
 
 
 def _naming(settings: Mapping[str, Any]) -> list[Any]:
-    return [settings[key] for key in ("protocol", "data", "split", "sequence") if key in settings]
+    keys = ("study", "protocol", "data", "split", "sequence")
+    return [settings[key] for key in keys if key in settings]
 
 
 def _stated(run: Provenance) -> list[str]:
@@ -119,15 +126,3 @@ def _stated(run: Provenance) -> list[str]:
         f"  - {run.date} UTC; {run.cpu}, {run.cores} cores, {run.threads} threads, load {run.load};"
         f" commit {run.commit}; Python {run.python}, PyTorch {run.torch}",
     ]
-
-
-def markdown(sheet: Sheet) -> str:
-    """A sheet as a Markdown table with its title above and its note below."""
-    rule = [":--" if number < sheet.labels else "--:" for number in range(len(sheet.head))]
-    lines = [_line(sheet.head), _line(rule), *(_line(row) for row in sheet.rows)]
-    note = [sheet.note, ""] if sheet.note else []
-    return "\n".join([f"### {sheet.title}", "", *lines, "", *note])
-
-
-def _line(texts: Sequence[str]) -> str:
-    return "| " + " | ".join(text.replace("|", "\\|") for text in texts) + " |"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -12,6 +11,7 @@ from typing import Any
 from benchmarks.pair import BenchmarkPair, PairEntry
 from benchmarks.pose_error import PoseError, initial_angle_deg
 from benchmarks.provenance import Provenance
+from model.cloud_file.atomic_file import complete_file
 from model.exceptions import InvalidOptionError, UnreadableFileError
 
 FORMAT_VERSION = 1
@@ -137,7 +137,7 @@ class Results:
         """Write the file; it is there whole or as it was before.
 
         Raises:
-            UnreadableFileError: the place can't be written.
+            CloudFileError: the place can't be written.
         """
         content = {
             "format_version": FORMAT_VERSION,
@@ -165,26 +165,20 @@ def require_folder(path: Path) -> None:
         )
 
 
-def write_json(path: Path, content: Mapping[str, Any]) -> None:
+def write_json(path: Path, content: Mapping[str, Any], indent: int | None = None) -> None:
     """Write JSON in one move.
 
+    Args:
+        path: in a folder that exists.
+        content: plain values, none of them NaN.
+        indent: of nested values; None writes one line.
+
     Raises:
-        UnreadableFileError: the place can't be written.
+        CloudFileError: the place can't be written.
     """
-    staged = path.with_name(f".{path.name}-{os.getpid()}")
-    try:
-        with staged.open("w") as stream:
-            json.dump(content, stream, allow_nan=False)
-        staged.replace(path)
-    except OSError as error:
-        raise UnreadableFileError(
-            f"the results can't be written: {error.strerror}",
-            field="out",
-            value=path,
-            mend="give a file in a folder that exists and can be written",
-        ) from error
-    finally:
-        staged.unlink(missing_ok=True)
+    with complete_file(path, "out") as unfinished:
+        text = json.dumps(content, allow_nan=False, indent=indent, ensure_ascii=False)
+        unfinished.write_text(text + "\n", encoding="utf-8")
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -194,7 +188,7 @@ def read_json(path: Path) -> dict[str, Any]:
         UnreadableFileError: not a results file, or of another version.
     """
     try:
-        content = json.loads(path.read_text())
+        content = json.loads(path.read_text(encoding="utf-8"))
         if content["format_version"] != FORMAT_VERSION:
             raise ValueError(f"format version {content['format_version']}")
     except (OSError, ValueError, KeyError, TypeError) as error:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from benchmarks.frame_pairs import COLUMNS, EXTRA_ROTATION_DEG, FramePairMaker, 
 from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
 from model.exceptions import InvalidOptionError
+from training.data.rgbd import RgbdSequence
 from training.data.rgbd_folder import read_sequence
 
 
@@ -28,20 +30,60 @@ def rgbd_command(arguments: list[str], command: str) -> int:
         command: the whole command, for the results file.
     """
     given = _parser().parse_args(arguments)
-    sequence = read_sequence(given.sequence)
-    results = open_results(given.out, "rgbd", _settings(given))
+    sequences = [read_sequence(folder) for folder in sequence_folders(given.sequence)]
+    results = open_results(given.out, "rgbd", _settings(given, sequences))
     competitors, results.absent = competitors_of(given)
-    entries = list_frame_pairs(
-        sequence, given.frames, given.gaps, given.columns, given.limit, given.seed
-    )
+    entries = [
+        entry
+        for sequence in sequences
+        for entry in list_frame_pairs(
+            sequence, given.frames, given.gaps, given.columns, given.limit, given.seed
+        )
+    ]
     points = None if given.points == 0 else given.points
-    maker = FramePairMaker(sequence, points, given.seed, given.max_depth)
+    makers = {
+        sequence.name: FramePairMaker(sequence, points, given.seed, given.max_depth)
+        for sequence in sequences
+    }
     with contest_progress() as progress:
         hold_contest(
-            entries, maker.make, competitors, results, Provenance.now(command), given.out, progress
+            entries,
+            lambda entry: makers[entry.group].make(entry),
+            competitors,
+            results,
+            Provenance.now(command),
+            given.out,
+            progress,
         )
     finish_contest(results, given.out)
     return 0
+
+
+def sequence_folders(given: Sequence[Path]) -> list[Path]:
+    """Each folder of a sequence, and the sequences in each other folder.
+
+    Args:
+        given: folders.
+
+    Raises:
+        InvalidOptionError: two sequences have one name.
+    """
+    folders = [found for root in given for found in _sequences_in(root)]
+    named = [folder.name for folder in folders]
+    if len(set(named)) < len(named):
+        raise InvalidOptionError(
+            "two sequences have one name",
+            field="sequence",
+            value=", ".join(sorted({name for name in named if named.count(name) > 1})),
+            mend="give each once, in folders of different names",
+        )
+    return folders
+
+
+def _sequences_in(root: Path) -> list[Path]:
+    inside = sorted(path.parent for path in root.glob("*/calibration.txt"))
+    alone = (root / "calibration.txt").is_file() or not inside
+    return [root] if alone else inside
 
 
 def _parser() -> ArgumentParser:
@@ -49,16 +91,16 @@ def _parser() -> ArgumentParser:
     parser.add_argument(
         "--sequence",
         type=Path,
+        nargs="+",
         required=True,
         metavar="DIR",
-        help="folder in the layout of ETH3D or TUM, with groundtruth.txt",
+        help="in the layout of ETH3D or TUM, with groundtruth.txt, or a folder of such folders",
     )
     parser.add_argument(
         "--frames",
         type=_frames,
-        default=range(600, 700),
         metavar="FIRST-LAST",
-        help="default 600-699",
+        help="default: all whose poses are known",
     )
     parser.add_argument("--gaps", type=_gaps, default=[1, 10, 30], metavar="N,…", help="1,10,30")
     parser.add_argument(
@@ -72,7 +114,9 @@ def _parser() -> ArgumentParser:
         "--points", type=int, default=1024, help="of each cloud, default 1024; 0 for all"
     )
     parser.add_argument("--max-depth", type=float, metavar="METRES", help="leave out all beyond")
-    parser.add_argument("--limit", type=int, metavar="N", help="pairs of a gap at most")
+    parser.add_argument(
+        "--limit", type=int, metavar="N", help="pairs of a gap and sequence at most"
+    )
     add_contest_options(parser)
     return parser
 
@@ -86,12 +130,12 @@ def _gaps(text: str) -> list[int]:
     return [int(gap) for gap in text.split(",")]
 
 
-def _settings(given: Namespace) -> dict[str, Any]:
+def _settings(given: Namespace, sequences: Sequence[RgbdSequence]) -> dict[str, Any]:
     """What decides the pairs' arrays, but not how many there are."""
     if given.points < 0:
         raise InvalidOptionError("not a number of points", field="points", value=given.points)
     return {
-        "sequence": given.sequence.name,
+        "sequence": ", ".join(sequence.name for sequence in sequences),
         "points": given.points or "all",
         "max_depth": given.max_depth,
         "extra_rotation_deg": EXTRA_ROTATION_DEG,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from argparse import ArgumentParser
 from pathlib import Path
 
-from rich.console import Console
 from rich.progress import Progress
 
 from benchmarks.contest import contest_progress
@@ -18,7 +17,7 @@ from benchmarks.provenance import Provenance
 from benchmarks.results import require_folder
 from benchmarks.sheet import Sheet
 from benchmarks.speed_file import SpeedResults
-from benchmarks.table import print_methods, print_sheets
+from benchmarks.table import print_methods, print_sheets, wide_console
 from model import Registrar
 from model.artifact import load_artifact
 
@@ -54,7 +53,7 @@ def speed_command(arguments: list[str], command: str) -> int:
         {ours.name: ours.settings, ransac.name: ransac.settings},
         sheets,
     )
-    console = Console()
+    console = wide_console()
     print_sheets(sheets, console)
     print_methods(results.methods, [], console)
     if given.out is not None:

@@ -1,4 +1,4 @@
-"""The results file of ``speed``: finished tables, since its measurements are of several kinds."""
+"""The results file of ``speed`` and its like: finished tables, of measurements of several kinds."""
 
 from __future__ import annotations
 
@@ -21,12 +21,14 @@ class SpeedResults:
         runs: the one command.
         methods: settings of every method by name.
         sheets: the tables.
+        benchmark: its name.
     """
 
     settings: dict[str, Any]
     runs: list[Provenance]
     methods: dict[str, dict[str, Any]]
     sheets: list[Sheet] = field(default_factory=list)
+    benchmark: str = "speed"
 
     def write(self, path: Path) -> None:
         """Write the file whole.
@@ -34,12 +36,12 @@ class SpeedResults:
         Raises:
             UnreadableFileError: the place can't be written.
         """
-        content = {"format_version": FORMAT_VERSION, "benchmark": "speed", **asdict(self)}
+        content = {"format_version": FORMAT_VERSION, **asdict(self)}
         write_json(path, content)
 
 
 def read_speed(path: Path) -> SpeedResults:
-    """Read a file that ``speed`` wrote.
+    """Read a file of finished tables.
 
     Raises:
         UnreadableFileError: not such a file.
@@ -51,6 +53,7 @@ def read_speed(path: Path) -> SpeedResults:
             [Provenance(**run) for run in content["runs"]],
             content["methods"],
             [Sheet(**sheet) for sheet in content["sheets"]],
+            content["benchmark"],
         )
     except (KeyError, TypeError) as error:
         raise UnreadableFileError(

@@ -9,6 +9,9 @@ import numpy as np
 
 from benchmarks.pose_error import ADDS_SUCCESS
 from benchmarks.results import Results, Row
+from benchmarks.shape_pairs import SYMMETRIC
+
+ALL_SEQUENCES = "all sequences"
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,12 +92,18 @@ class Cell:
 
 
 def cells(results: Results) -> list[Cell]:
-    """The cells of the list, in its order, group by group."""
+    """The cells of the list, in its order, group by group; then all sequences together."""
+    entries = [pair.entry for pair in results.pairs.values()]
+    # Symmetric shapes come last, wherever the first of them was met.
+    groups = sorted(dict.fromkeys(e.group for e in entries), key=lambda group: group == SYMMETRIC)
+    if results.benchmark == "rgbd" and len(groups) > 1:
+        groups.append(ALL_SEQUENCES)
     found = dict.fromkeys(
-        Cell(pair.entry.group, pair.entry.turn, pair.entry.column)
-        for pair in results.pairs.values()
+        Cell(group, entry.turn, entry.column)
+        for group in groups
+        for entry in entries
+        if group in (entry.group, ALL_SEQUENCES)
     )
-    groups = list(dict.fromkeys(cell.group for cell in found))
     turns = list(dict.fromkeys(cell.turn for cell in found))
     return sorted(found, key=lambda cell: (groups.index(cell.group), turns.index(cell.turn)))
 
@@ -104,7 +113,8 @@ def rows_by_method(results: Results, cell: Cell) -> dict[str, list[Row]]:
     inside = [
         name
         for name, pair in results.pairs.items()
-        if Cell(pair.entry.group, pair.entry.turn, pair.entry.column) == cell
+        if (pair.entry.turn, pair.entry.column) == (cell.turn, cell.column)
+        and cell.group in (pair.entry.group, ALL_SEQUENCES)
     ]
     found = {
         method: [results.rows[name, method] for name in inside if (name, method) in results.rows]

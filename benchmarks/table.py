@@ -11,6 +11,15 @@ from rich.table import Table
 
 from benchmarks.sheet import Sheet
 
+# Where nobody sees it line by line, a table may be as wide as it needs.
+_PIPED_WIDTH = 200
+
+
+def wide_console() -> Console:
+    """As wide as the terminal, or as the tables where the output goes elsewhere."""
+    console = Console()
+    return console if console.is_terminal else Console(width=_PIPED_WIDTH)
+
 
 def print_sheets(sheets: Sequence[Sheet], console: Console) -> None:
     """One below the other."""

@@ -13,8 +13,8 @@ from statistics import mean, median
 import torch
 from rich.console import Console
 
+from benchmarks.markdown import markdown
 from benchmarks.provenance import Provenance
-from benchmarks.report import markdown
 from benchmarks.results import FORMAT_VERSION, require_folder, write_json
 from benchmarks.sheet import Sheet
 from benchmarks.table import print_sheets

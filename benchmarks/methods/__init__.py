@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from importlib import import_module
 
@@ -10,22 +10,23 @@ from benchmarks.methods.method import Answer, Method
 from model.artifact import load_artifact
 from model.exceptions import InvalidOptionError
 
-# Where each class is; imported only when it is asked for, because they bring large libraries.
+# Where each class, or what builds it, is; imported only when asked for: they bring large libraries.
 _OTHERS = {
     "icp": ("benchmarks.methods.icp", "OpenIcp"),
     "gicp": ("benchmarks.methods.icp", "OpenGicp"),
     "small_gicp": ("benchmarks.methods.small_gicp", "SmallGicp"),
-    "geometric_cvo": ("benchmarks.methods.geometric_cvo", "GeometricCvo"),
+    "geometric_cvo": ("benchmarks.methods.geometric_cvo", "geometric_cvo"),
     "identity": ("benchmarks.methods.identity", "Identity"),
     "ransac": ("benchmarks.methods.fpfh", "FpfhRansac"),
+    "ransac_3": ("benchmarks.methods.fpfh", "ransac_of_three"),
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
     "kiss_matcher": ("benchmarks.methods.kiss_matcher", "KissMatcher"),
 }
-_OURS = ("ours", "ours_gradient", "ours_no_features", "ours_random_encoder")
+OUR_NAMES = ("ours", "ours_procrustes", "ours_gradient", "ours_no_features", "ours_random_encoder")
 # Packages that only one method needs, and that nobody has to install.
 _OPTIONAL = {"small_gicp", "kiss_matcher"}
 
-METHOD_NAMES = (*_OURS, *_OTHERS)
+METHOD_NAMES = (*OUR_NAMES, *_OTHERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +42,7 @@ class Field:
     absent: list[str] = field(default_factory=list)
 
 
-def build_methods(names: Sequence[str], artifact: str | None = None) -> Field:
+def build_methods(names: Iterable[str], artifact: str | None = None) -> Field:
     """Build methods by name.
 
     Args:
@@ -52,6 +53,7 @@ def build_methods(names: Sequence[str], artifact: str | None = None) -> Field:
         InvalidOptionError: no such method.
         ArtifactError: the artifact can't be loaded.
     """
+    names = list(names)
     unknown = [name for name in names if name not in METHOD_NAMES]
     if unknown:
         raise InvalidOptionError(
@@ -72,7 +74,7 @@ def build_methods(names: Sequence[str], artifact: str | None = None) -> Field:
 
 
 def _build(name: str, artifact: str | None) -> Method:
-    if name in _OURS:
+    if name in OUR_NAMES:
         from benchmarks.methods.equivalign import VARIANTS
 
         return VARIANTS[name](load_artifact(artifact))
@@ -81,4 +83,4 @@ def _build(name: str, artifact: str | None) -> Method:
     return method
 
 
-__all__ = ["METHOD_NAMES", "Answer", "Field", "Method", "build_methods"]
+__all__ = ["METHOD_NAMES", "OUR_NAMES", "Answer", "Field", "Method", "build_methods"]

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
 import torch
 
 from benchmarks.methods.method import Answer
@@ -41,13 +42,15 @@ class EquivAlign:
             "variant": self.note,
             "artifact": summary["name"],
             "weights_sha256": summary["weights_sha256"],
-            "solver": self.solver or summary["solver"]["solver"],
+            "solver": self.solver or self.registrar.artifact.settings.solver,
+            "verifier": self.registrar.artifact.verifier is not None,
         }
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register."""
         result = self.registrar.register(source, target, seed=seed, solver=self.solver)
-        return Answer(result.T_target_source, findings(result.diagnostics))
+        others = [np.array(other.T_target_source) for other in result.diagnostics.runner_ups]
+        return Answer(result.T_target_source, findings(result.diagnostics), others)
 
 
 def findings(diagnostics: Diagnostics) -> dict[str, Any]:
@@ -76,29 +79,56 @@ def _with_gradient_loop(artifact: Artifact) -> EquivAlign:
     )
 
 
-def _without_features(artifact: Artifact) -> EquivAlign:
-    settings = artifact.settings
-    unmatched = replace(settings, hypotheses=replace(settings.hypotheses, matches=0))
-    bare = replace(artifact, kernel="none", settings=unmatched)
+def _with_procrustes_loop(artifact: Artifact) -> EquivAlign:
     return EquivAlign(
-        "ours_no_features", Registrar(bare), note="RBF kernel, no hypotheses from features"
+        "ours_procrustes",
+        Registrar(artifact),
+        "procrustes",
+        "closed-form steps on the paper's kernel at the end",
+    )
+
+
+def without_features(artifact: Artifact) -> Artifact:
+    """Surfaces alone: no hypotheses from features, none in the kernel, none in the judgement.
+
+    A verifier is left out: it was fitted to features.
+    """
+    settings = artifact.settings
+    unmatched = replace(settings.hypotheses, triplets=False, matches=0)
+    bare = replace(settings, hypotheses=unmatched, surface_features=False)
+    return replace(artifact, kernel="none", settings=bare, verifier=None)
+
+
+def untrained(artifact: Artifact) -> Artifact:
+    """The same encoder before any training, always the same one; without the verifier.
+
+    That was fitted to the trained features.
+    """
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(_RANDOM_ENCODER_SEED)
+        weights = build_encoder(artifact.encoder_name, **artifact.architecture).state_dict()
+    return replace(artifact, weights=weights, verifier=None)
+
+
+def _without_features(artifact: Artifact) -> EquivAlign:
+    return EquivAlign(
+        "ours_no_features",
+        Registrar(without_features(artifact)),
+        note="surfaces alone, no features anywhere",
     )
 
 
 def _with_random_encoder(artifact: Artifact) -> EquivAlign:
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(_RANDOM_ENCODER_SEED)
-        weights = build_encoder(artifact.encoder_name, **artifact.architecture).state_dict()
-    untrained = replace(artifact, weights=weights)
     return EquivAlign(
         "ours_random_encoder",
-        Registrar(untrained),
+        Registrar(untrained(artifact)),
         note=f"weights never trained, seed {_RANDOM_ENCODER_SEED}",
     )
 
 
 VARIANTS: dict[str, Callable[[Artifact], EquivAlign]] = {
     "ours": _as_shipped,
+    "ours_procrustes": _with_procrustes_loop,
     "ours_gradient": _with_gradient_loop,
     "ours_no_features": _without_features,
     "ours_random_encoder": _with_random_encoder,

@@ -29,7 +29,7 @@ class OpenIcp:
         iterations: at most this many a stage.
     """
 
-    point_reach: tuple[float, ...] = (40.0, 20.0, 10.0)
+    point_reach: tuple[float, ...] = (40.0, 20.0, 10.0, 5.0)
     plane_reach: tuple[float, ...] = (3.0, 1.5)
     iterations: int = 50
     name: ClassVar[str] = "icp"
@@ -55,14 +55,18 @@ class OpenIcp:
 
 @dataclass(frozen=True, slots=True)
 class OpenGicp:
-    """Plane-to-plane.
+    """Point-to-point steps that reach far, then plane-to-plane steps.
+
+    Plane-to-plane steps alone end in more local minima when they start from a large angle.
 
     Attributes:
-        reach: correspondence distances of the stages, in spacings.
+        point_reach: correspondence distances of the point-to-point stages, in spacings.
+        reach: those of the plane-to-plane stages.
         iterations: at most this many a stage.
     """
 
-    reach: tuple[float, ...] = (20.0, 10.0, 3.0, 1.5)
+    point_reach: tuple[float, ...] = (40.0, 20.0, 10.0, 5.0)
+    reach: tuple[float, ...] = (3.0, 1.5)
     iterations: int = 50
     name: ClassVar[str] = "gicp"
 
@@ -78,9 +82,11 @@ class OpenGicp:
         for cloud in (moving, fixed):
             cloud.estimate_normals(neighbourhood(NORMAL_RADIUS * step))
         T = centroids_together(source, target)
-        estimation = _registration.TransformationEstimationForGeneralizedICP()
-        for reach in self.reach:
-            T = closer(moving, fixed, T, reach * step, estimation, self.iterations)
+        point = _registration.TransformationEstimationPointToPoint(with_scaling=False)
+        plane = _registration.TransformationEstimationForGeneralizedICP()
+        for estimation, reaches in ((point, self.point_reach), (plane, self.reach)):
+            for reach in reaches:
+                T = closer(moving, fixed, T, reach * step, estimation, self.iterations)
         return Answer(T)
 
 

@@ -29,10 +29,10 @@ class KissMatcher:
     """
 
     resolution: float = 2.0
-    normal_radius: float = 3.0
+    normal_radius: float = 4.0
     feature_radius: float = 5.0
-    robin_noise_bound: float = 1.0
-    solver_noise_bound: float = 0.75
+    robin_noise_bound: float = 2.0
+    solver_noise_bound: float = 1.5
     correspondences: int = 5000
     name: ClassVar[str] = "kiss_matcher"
 

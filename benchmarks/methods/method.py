@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -15,10 +16,12 @@ class Answer:
     Attributes:
         T_target_source: (4, 4).
         findings: plain values for the results file, such as ``success_probability``.
+        candidates: other poses (4, 4) that it considered to the end.
     """
 
     T_target_source: FloatArray
     findings: dict[str, Any] = field(default_factory=dict)
+    candidates: Sequence[FloatArray] = ()
 
 
 class Method(Protocol):

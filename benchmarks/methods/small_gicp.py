@@ -17,16 +17,18 @@ from benchmarks.pair import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class SmallGicp:
-    """Coarse to fine.
+    """Point-to-point steps that reach far, then GICP.
 
     Attributes:
-        reach: correspondence distances of the stages, in spacings.
+        point_reach: correspondence distances of the point-to-point stages, in spacings.
+        reach: those of GICP's stages.
         neighbours: of a point's covariance.
         iterations: at most this many a stage.
     """
 
-    reach: tuple[float, ...] = (20.0, 10.0, 3.0, 1.5)
-    neighbours: int = 10
+    point_reach: tuple[float, ...] = (40.0, 20.0, 10.0, 5.0)
+    reach: tuple[float, ...] = (3.0, 1.5)
+    neighbours: int = 20
     iterations: int = 50
     name: ClassVar[str] = "small_gicp"
 
@@ -46,13 +48,15 @@ class SmallGicp:
             source, downsampling_resolution=1e-3 * step, num_neighbors=self.neighbours
         )
         T = centroids_together(source, target)
-        for reach in self.reach:
+        stages = [("ICP", reach) for reach in self.point_reach]
+        stages += [("GICP", reach) for reach in self.reach]
+        for kind, reach in stages:
             T = small_gicp.align(
                 fixed,
                 moving,
                 fixed_tree,
                 T,
-                registration_type="GICP",
+                registration_type=kind,
                 max_correspondence_distance=reach * step,
                 max_iterations=self.iterations,
                 rotation_epsilon=1e-5,

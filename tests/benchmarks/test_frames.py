@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from benchmarks.command_line import benchmark_command
 from benchmarks.frame_pairs import FramePairMaker, list_frame_pairs
 from benchmarks.pose_error import PoseError
 from benchmarks.results import read_results
+from benchmarks.rgbd import sequence_folders
 from benchmarks.summary import Summary, cells, rows_by_method
 from model.exceptions import InvalidOptionError
 from training.data.rgbd import Camera
@@ -93,6 +95,35 @@ def test_methods_are_run_on_frames(folder: Path, tmp_path: Path) -> None:
     assert icp.adds_mean is None
 
 
+def test_sequences_are_measured_apart_and_together(folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "corner").symlink_to(folder)
+    (tmp_path / "again").symlink_to(folder)
+    out = tmp_path / "frames.json"
+    argv = [
+        *("rgbd", "--sequence", str(tmp_path), "--gaps", "2", "--columns", "extra-10"),
+        *("--points", "200", "--limit", "2", "--methods", "identity", "--out", str(out)),
+    ]
+    assert benchmark_command(argv) == 0
+    results = read_results(out)
+    by_group = {c.group: rows_by_method(results, c)["identity"] for c in cells(results)}
+    assert {group: len(rows) for group, rows in by_group.items()} == {
+        "again": 2,
+        "corner": 2,
+        "all sequences": 4,
+    }
+    with pytest.raises(InvalidOptionError, match="two sequences have one name"):
+        sequence_folders([folder, folder])
+
+
+def test_all_frames_means_those_with_known_poses(folder: Path) -> None:
+    sequence = read_sequence(folder)
+    sequence.frames[1] = replace(sequence.frames[1], T_world_camera=None)
+    entries = list_frame_pairs(sequence, None, [1], ["as-is"], None, seed=0)
+    assert [entry.subject for entry in entries] == [2, 3]
+    with pytest.raises(InvalidOptionError, match="poses of 1 frames"):
+        list_frame_pairs(sequence, range(5), [1], ["as-is"], None, seed=0)
+
+
 def test_frames_that_are_not_there_are_refused(folder: Path) -> None:
     sequence = read_sequence(folder)
     with pytest.raises(InvalidOptionError, match="frames 0–4"):
@@ -105,7 +136,18 @@ def test_icp_on_real_frames_is_as_good_as_it_should_be(data_root: Path, tmp_path
     out = tmp_path / "kitchen.json"
     argv = [
         *("rgbd", "--sequence", str(data_root / "rgbd" / "redkitchen_a"), "--gaps", "1,30"),
-        *("--columns", "extra-10", "--limit", "6", "--methods", "icp", "--out", str(out)),
+        *(
+            "--frames",
+            "600-699",
+            "--columns",
+            "extra-10",
+            "--limit",
+            "6",
+            "--methods",
+            "icp",
+            "--out",
+            str(out),
+        ),
     ]
     assert benchmark_command(argv) == 0
     results = read_results(out)

@@ -1,16 +1,22 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
 from benchmarks.competitor import Contestant
 from benchmarks.methods import METHOD_NAMES, build_methods
+from benchmarks.methods.equivalign import EquivAlign, untrained, without_features
 from benchmarks.pair import BenchmarkPair
 from benchmarks.pose_error import PoseError
 from benchmarks.protocol import build_protocol
 from benchmarks.shape_pairs import ShapeChoice, ShapePairMaker, list_pairs
 from benchmarks.shapes import ShapeCollection, open_shapes
+from model import Registrar
+from model.artifact import load_artifact
+from model.options import SOLVERS
 
 
 def errors(name: str, pairs: list[BenchmarkPair]) -> list[PoseError]:
@@ -33,7 +39,7 @@ def test_local_methods_solve_a_small_turn(
         assert error.rotation_deg < 1.5
 
 
-@pytest.mark.parametrize("name", ["ransac", "fgr", "kiss_matcher"])
+@pytest.mark.parametrize("name", ["ransac", "ransac_3", "fgr", "kiss_matcher"])
 def test_global_methods_solve_any_turn(
     name: str, collection: ShapeCollection, choices: list[ShapeChoice]
 ) -> None:
@@ -66,3 +72,25 @@ def test_settings_are_plain_and_say_that_no_scale_is_estimated() -> None:
 
 def test_every_name_is_known() -> None:
     assert {"ours", "icp", "gicp", "ransac", "fgr", "identity"} <= set(METHOD_NAMES)
+
+
+def test_without_features_no_feature_plays_a_part() -> None:
+    shipped = load_artifact()
+    bare = without_features(shipped)
+    assert bare.kernel == "none"
+    assert not bare.settings.surface_features
+    assert bare.verifier is None
+    scrambled = replace(bare, weights=untrained(shipped).weights)
+    points = open_shapes("procedural", "test", seed=3, points=1024)[0].points.double().numpy()
+    turn = Rotation.from_rotvec([0.9, -1.3, 0.4]).as_matrix()
+    found, again = (
+        EquivAlign("bare", Registrar(artifact)).register(points, points @ turn.T, seed=0)
+        for artifact in (bare, scrambled)
+    )
+    assert np.array_equal(found.T_target_source, again.T_target_source)
+    assert found.findings["won_by"] in ("identity", "grid")
+
+
+def test_every_solver_of_ours_takes_part() -> None:
+    built = build_methods(["ours", "ours_procrustes", "ours_gradient"]).methods
+    assert {method.settings["solver"] for method in built} == set(SOLVERS)

@@ -2,8 +2,10 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import open3d
 import pytest
 
 from benchmarks.command_line import benchmark_command
@@ -121,3 +123,58 @@ def test_wrong_options_are_refused() -> None:
         benchmark_command(["objects", "--limit", "0"])
     assert benchmark_command(["nonsense"]) == 2
     assert benchmark_command([]) == 0
+
+
+def modelnet(root: Path) -> Path:
+    """Meshes of a bent bar and of a ball, in the layout of ModelNet40."""
+    for category, mesh in (("bar", bent_bar()), ("ball", ball())):
+        for split in ("train", "test"):
+            (root / category / split).mkdir(parents=True)
+            path = str(root / category / split / f"{category}_0001.off")
+            assert open3d.io.write_triangle_mesh(path, mesh)
+    return root
+
+
+def bent_bar() -> Any:
+    """Three boxes along three axes."""
+    box = open3d.geometry.TriangleMesh.create_box
+    upright = box(0.1, 0.1, 0.6).translate([0.9, 0.0, 0.0])
+    return box(1.0, 0.2, 0.1) + box(0.15, 0.9, 0.1) + upright
+
+
+def ball() -> Any:
+    return open3d.geometry.TriangleMesh.create_sphere(0.5)
+
+
+def test_symmetric_shapes_of_modelnet_have_a_table_of_their_own(tmp_path: Path) -> None:
+    root, out = modelnet(tmp_path / "ModelNet40"), tmp_path / "results.json"
+    argv = [
+        *("objects", "--data", str(root), "--protocol", "hard", "--columns", "resampled"),
+        *("--limit", "0", "--symmetric", "5", "--methods", "identity", "--out", str(out)),
+    ]
+    assert benchmark_command(argv) == 0
+    results = read_results(out)
+    groups = {pair.entry.group: pair.entry.subject_name for pair in results.pairs.values()}
+    assert set(groups) == {"asymmetric", "symmetric"}
+    assert "bar" in groups["asymmetric"]
+    assert "ball" in groups["symmetric"]
+    assert [cell.group for cell in cells(results)] == ["asymmetric", "symmetric"]
+    ball_rows = rows_by_method(results, cells(results)[1])["identity"]
+    assert ball_rows[0].error.rotation_deg > 5.0
+
+
+def test_an_oracle_and_the_references_can_be_named(tmp_path: Path, small_artifact: Path) -> None:
+    out = tmp_path / "results.json"
+    named = "ours,ours_oracle,truth,inverse"
+    argv = [*TINY, "--limit", "1", "--methods", named, "--artifact", str(small_artifact)]
+    assert benchmark_command([*argv, "--out", str(out)]) == 0
+    results = read_results(out)
+    assert list(results.methods) == named.split(",")
+    [pair] = results.pairs
+    assert results.rows[pair, "truth"].error.rotation_deg == pytest.approx(0.0, abs=1e-6)
+    assert results.rows[pair, "inverse"].error.rotation_deg == pytest.approx(90.0, abs=1e-4)
+    ours, best = results.rows[pair, "ours"], results.rows[pair, "ours_oracle"]
+    assert best.error.rank <= ours.error.rank
+    assert best.findings["candidates"] >= 1
+    assert ours.seconds is not None
+    assert best.seconds is None

@@ -1,36 +1,25 @@
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from benchmarks.command_line import benchmark_command
 from benchmarks.growth import resident_bytes
 from benchmarks.speed_file import SpeedResults, read_speed
-from model.artifact import Artifact, save_artifact
-from model.encoder import build_encoder
-from model.settings import RegistrarSettings
-
-SMALL = {"channels": 4, "channels_out": 4, "invariants": 4, "radii": [0.2], "layers": 1}
 
 
 @pytest.fixture(scope="module")
-def speed(tmp_path_factory: pytest.TempPathFactory) -> tuple[SpeedResults, str]:
+def speed(
+    tmp_path_factory: pytest.TempPathFactory, small_artifact: Path
+) -> tuple[SpeedResults, str]:
     """One pair by an untrained encoder on few points; and its report."""
     folder = tmp_path_factory.mktemp("speed")
-    artifact = Artifact(
-        "untrained",
-        "vn_graph",
-        SMALL,
-        "tanh",
-        RegistrarSettings(points=200),
-        {},
-        build_encoder("vn_graph", **SMALL).state_dict(),
-    )
-    save_artifact(artifact, folder / "artifact")
     out = folder / "speed.json"
-    argv = ["speed", "--pairs", "1", "--sizes", "1000", "--artifact", str(folder / "artifact")]
+    argv = ["speed", "--pairs", "1", "--sizes", "1000", "--artifact", str(small_artifact)]
     assert benchmark_command([*argv, "--out", str(out)]) == 0
-    assert benchmark_command(["report", str(out), "--out", str(folder / "speed.md")]) == 0
-    return read_speed(out), (folder / "speed.md").read_text()
+    assert benchmark_command(["report", str(out), "--out", str(folder / "report.md")]) == 0
+    return read_speed(out), (folder / "report.md").read_text()
 
 
 def test_ours_and_ransac_are_timed_in_the_same_run(speed: tuple[SpeedResults, str]) -> None:
