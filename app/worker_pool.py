@@ -1,0 +1,146 @@
+"""The threads that do the work, and the bounded queue before them."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from time import monotonic
+from typing import TypeVar
+
+import torch
+from fastapi import Request
+from starlette.requests import ClientDisconnect
+
+from app.cores import usable_cores
+from app.metrics import ServiceMetrics
+from app.refusals import DeadlineExceededError, OverloadedError
+
+_T = TypeVar("_T")
+
+# Until the first job has told how long one takes.
+_FIRST_GUESS_SECONDS = 1.0
+_LONGEST_RETRY_SECONDS = 60
+_SMOOTHING = 0.2
+
+
+@dataclass(slots=True)
+class Job:
+    """A piece of work that has been let in.
+
+    Attributes:
+        deadline: seconds from its arrival until it has to end.
+        arrived: on the monotonic clock.
+        cancel: set when nobody waits for it any more.
+    """
+
+    deadline: float
+    arrived: float = field(default_factory=monotonic)
+    cancel: threading.Event = field(default_factory=threading.Event)
+
+    @property
+    def remaining(self) -> float:
+        """Seconds until the deadline.
+
+        Raises:
+            DeadlineExceededError: none are left.
+        """
+        left = self.arrived + self.deadline - monotonic()
+        if left <= 0.0:
+            raise DeadlineExceededError(self.deadline)
+        return left
+
+
+class WorkerPool:
+    """Lets in as much work as it can do in time, and runs it beside the event loop.
+
+    Args:
+        workers: jobs that run at the same time; each computes with its share of the cores.
+        queue: jobs that may wait.
+        metrics: told of the queue and of refusals.
+    """
+
+    def __init__(self, workers: int, queue: int, metrics: ServiceMetrics) -> None:
+        self._workers = workers
+        self._room = workers + queue
+        self._metrics = metrics
+        self._inside = 0
+        self._mean_seconds = _FIRST_GUESS_SECONDS
+        share = max(1, usable_cores() // workers)
+        self._executor = ThreadPoolExecutor(
+            workers, "registration", initializer=torch.set_num_threads, initargs=(share,)
+        )
+
+    @property
+    def idle(self) -> bool:
+        """Whether nothing runs and nothing waits."""
+        return self._inside == 0
+
+    @contextmanager
+    def admit(self, deadline: float) -> Iterator[Job]:
+        """A place in the queue for the time of the block.
+
+        Raises:
+            OverloadedError: the queue is full, or so long that the deadline would pass in it.
+        """
+        wait = self._mean_seconds * (self._inside + 1 - self._workers) / self._workers
+        if self._inside >= self._room or wait > deadline:
+            self._metrics.rejections.labels("queue-full").inc()
+            raise OverloadedError(min(_LONGEST_RETRY_SECONDS, max(1, math.ceil(wait))))
+        self._inside += 1
+        self._watch_queue()
+        try:
+            yield Job(deadline)
+        finally:
+            self._inside -= 1
+            self._watch_queue()
+
+    async def run(self, job: Job, request: Request, work: Callable[[], _T]) -> _T:
+        """Run a job's work in a thread; the body of the request must have been read.
+
+        Raises:
+            ClientDisconnect: the caller went away; the work is told to stop.
+        """
+        running = asyncio.wrap_future(self._executor.submit(self._timed, job, work))
+        gone = asyncio.create_task(_disconnected(request))
+        try:
+            await asyncio.wait({running, gone}, return_when=asyncio.FIRST_COMPLETED)
+            if not running.done():
+                self._metrics.rejections.labels("disconnected").inc()
+                raise ClientDisconnect
+            return running.result()
+        finally:
+            gone.cancel()
+            if not running.done():
+                job.cancel.set()
+                running.cancel()
+                # Its place is free when its thread is.
+                with suppress(Exception, asyncio.CancelledError):
+                    await asyncio.shield(running)
+
+    def close(self) -> None:
+        """End the threads, once their jobs have ended."""
+        self._executor.shutdown(wait=True, cancel_futures=True)
+
+    def _timed(self, job: Job, work: Callable[[], _T]) -> _T:
+        if job.cancel.is_set():
+            raise ClientDisconnect
+        started = monotonic()
+        try:
+            return work()
+        finally:
+            seconds = monotonic() - started
+            self._mean_seconds += _SMOOTHING * (seconds - self._mean_seconds)
+
+    def _watch_queue(self) -> None:
+        self._metrics.queue_depth.set(max(0, self._inside - self._workers))
+        self._metrics.jobs.set(min(self._inside, self._workers))
+
+
+async def _disconnected(request: Request) -> None:
+    while (await request.receive())["type"] != "http.disconnect":
+        pass
