@@ -10,7 +10,7 @@ from model import Diagnostics
 MEDIA_TYPE = CONTENT_TYPE_LATEST
 
 _SECONDS = (0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1, 2.5, 5, 10, 30, 60)
-_SHARES = tuple(tenth / 10 for tenth in range(1, 10)) + (0.95, 0.99, 1.0)
+_SHARES = (0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 0.95, 0.99, 1.0)
 
 
 class ServiceMetrics:
@@ -38,9 +38,7 @@ class ServiceMetrics:
         self.queue_depth = Gauge(
             "equivalign_queue_depth", "Requests that wait for a worker.", registry=self.registry
         )
-        self.jobs = Gauge(
-            "equivalign_jobs", "Requests that are worked on.", registry=self.registry
-        )
+        self.jobs = Gauge("equivalign_jobs", "Requests that are worked on.", registry=self.registry)
         self.rejections = Counter(
             "equivalign_rejections", "Requests not carried out.", ["reason"], registry=self.registry
         )
@@ -67,6 +65,11 @@ class ServiceMetrics:
         self.targets = Gauge(
             "equivalign_targets", "Prepared targets that are kept.", registry=self.registry
         )
+
+    def answered(self, route: str, status: int | None, seconds: float) -> None:
+        """Count one request; without a status nobody was left to be answered."""
+        self.requests.labels(route, str(status or 499)).inc()
+        self.request_seconds.labels(route).observe(seconds)
 
     def registered(self, diagnostics: Diagnostics) -> None:
         """Count one registration."""

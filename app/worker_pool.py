@@ -7,10 +7,10 @@ import math
 import threading
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
 from time import monotonic
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import torch
 from fastapi import Request
@@ -36,11 +36,13 @@ class Job:
         deadline: seconds from its arrival until it has to end.
         arrived: on the monotonic clock.
         cancel: set when nobody waits for it any more.
+        facts: what the request's log line shall tell.
     """
 
     deadline: float
     arrived: float = field(default_factory=monotonic)
     cancel: threading.Event = field(default_factory=threading.Event)
+    facts: dict[str, Any] = field(default_factory=dict)
 
     @property
     def remaining(self) -> float:
@@ -53,6 +55,14 @@ class Job:
         if left <= 0.0:
             raise DeadlineExceededError(self.deadline)
         return left
+
+    def shorten(self, deadline: float) -> None:
+        """Let it end earlier; nobody may let it end later."""
+        self.deadline = min(self.deadline, deadline)
+
+    def part(self) -> Job:
+        """The same job for a part of the work, which may have a deadline of its own."""
+        return replace(self)
 
 
 class WorkerPool:
@@ -105,10 +115,12 @@ class WorkerPool:
         Raises:
             ClientDisconnect: the caller went away; the work is told to stop.
         """
-        running = asyncio.wrap_future(self._executor.submit(self._timed, job, work))
+        future = self._executor.submit(self._timed, job, work)
+        running = asyncio.wrap_future(future)
         gone = asyncio.create_task(_disconnected(request))
+        either: set[asyncio.Future[Any]] = {running, gone}
         try:
-            await asyncio.wait({running, gone}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
             if not running.done():
                 self._metrics.rejections.labels("disconnected").inc()
                 raise ClientDisconnect
@@ -117,10 +129,10 @@ class WorkerPool:
             gone.cancel()
             if not running.done():
                 job.cancel.set()
-                running.cancel()
-                # Its place is free when its thread is.
-                with suppress(Exception, asyncio.CancelledError):
-                    await asyncio.shield(running)
+                if not future.cancel():
+                    # Its place is free when its thread is.
+                    await asyncio.wait({running})
+                    running.exception()
 
     def close(self) -> None:
         """End the threads, once their jobs have ended."""
