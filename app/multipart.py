@@ -55,17 +55,28 @@ def read_parts(content_type: str, content: bytes, known: Collection[str]) -> dic
         file.file_object.seek(0)
         add(file.field_name, Part(name, file.file_object.read()))
 
-    _, options = parse_options_header(content_type)
+    ended = False
+
+    def on_end() -> None:
+        nonlocal ended
+        ended = True
+
+    boundary = parse_options_header(content_type)[1].get(b"boundary")
+    if not boundary:
+        raise invalid_request(("body",), "the multipart body is broken: no boundary is given")
     try:
         parser = FormParser(
             "multipart/form-data",
             on_field,
             on_file,
-            boundary=options.get(b"boundary"),
+            on_end,
+            boundary,
             config={"MAX_MEMORY_FILE_SIZE": _BIGGEST},
         )
         parser.write(content)
         parser.finalize()
     except (FormParserError, AssertionError, ValueError, KeyError) as error:
         raise invalid_request(("body",), f"the multipart body is broken: {error}") from error
+    if not ended:
+        raise invalid_request(("body",), "the multipart body is broken: it ends too early")
     return parts

@@ -172,7 +172,7 @@ async def _answer_equivalign_error(request: Request, error: Exception) -> Respon
         case NotReadyError():
             return problem_response(problem, {"Retry-After": _RETRY_SECONDS})
         case DrainingError():
-            return problem_response(problem, {"Retry-After": "1", "Connection": "close"})
+            return problem_response(problem, {"Retry-After": "1"})
         case UnauthorizedError():
             return problem_response(problem, {"WWW-Authenticate": "Bearer"})
     return problem_response(problem)

@@ -49,6 +49,11 @@ class Readiness:
             raise NotReadyError("the artifact is being loaded", mend="try again in some seconds")
         return self._registrar
 
+    @property
+    def draining(self) -> bool:
+        """Whether the service is about to stop."""
+        return self._draining
+
     def drain(self) -> None:
         """From now on the service isn't ready."""
         self._draining = True

@@ -14,6 +14,7 @@ from fastapi_offline import FastAPIOffline
 
 from app.access import Access
 from app.api_description import openapi_document
+from app.draining import ClosedConnections
 from app.metrics import ServiceMetrics
 from app.page import page_files, page_work
 from app.prepared_targets import PreparedTargets
@@ -34,7 +35,7 @@ def create_app(
 ) -> FastAPI:
     """The service; it loads the artifact in the background once it's started.
 
-    Its ``state`` holds ``readiness`` and ``pool``, for whoever has to stop it.
+    Its ``state`` holds ``readiness``, for whoever has to stop it.
 
     Args:
         load: gives the registrar; by default from the artifact of the settings.
@@ -70,13 +71,14 @@ def create_app(
         # Without it the page asks a server on the internet whether the document is valid.
         swagger_ui_parameters={"validatorUrl": None},
     )
-    app.state.readiness, app.state.pool = readiness, pool
+    app.state.readiness = readiness
     app.include_router(probes(readiness, metrics, settings, access))
     app.include_router(registering(reception, targets, access))
     app.include_router(target_routes(reception, targets, access))
     app.include_router(page_work(reception, access))
     page_files(app)
     app.add_middleware(RequestLog, metrics=metrics)
+    app.add_middleware(ClosedConnections, readiness=readiness)
     handle_problems(app)
     app.openapi = partial(openapi_document, app)  # type: ignore[method-assign]
     return app

@@ -48,7 +48,7 @@ class ServiceSettings(BaseSettings):
     workers: int = Field(default_factory=usable_cores, ge=1, le=256)
     queue: int = Field(default=8, ge=0)
     deadline: float = Field(default=60.0, gt=0.0, le=3600.0)
-    drain_seconds: float = Field(default=0.0, ge=0.0)
+    drain_seconds: float = Field(default=1.0, ge=0.0)
     receive_seconds: float = Field(default=30.0, gt=0.0)
     max_body_bytes: int = Field(default=64 * _MIB, ge=1024)
     max_json_bytes: int = Field(default=16 * _MIB, ge=1024)
