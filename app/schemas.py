@@ -30,6 +30,7 @@ class RegisterOptions(BaseModel):
     )
     solver: str | None = Field(
         default=None,
+        min_length=1,
         description="Inner loop; null takes the artifact's.",
         json_schema_extra={"enum": [*INNER_LOOPS, None]},
     )

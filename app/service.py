@@ -68,6 +68,7 @@ def create_app(
         version=version("equivalign"),
         lifespan=lifespan,
         redoc_url=None,
+        redirect_slashes=False,
         # Without it the page asks a server on the internet whether the document is valid.
         swagger_ui_parameters={"validatorUrl": None},
     )

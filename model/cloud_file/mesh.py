@@ -101,8 +101,9 @@ def sample_surface(file: FileContent, triangles: FloatArray) -> FloatArray:
         UnreadableFileError: the triangles have no area.
     """
     first, second, third = triangles.swapaxes(0, 1)
-    edges = second - first, third - first
-    area = np.linalg.norm(np.cross(*edges), axis=1)
+    with np.errstate(all="ignore"):
+        edges = second - first, third - first
+        area = np.linalg.norm(np.cross(*edges), axis=1)
     if not np.isfinite(area).all() or area.sum() <= 0.0:
         raise file.refuse("its triangles have no area")
     random = np.random.default_rng(0)
