@@ -145,6 +145,7 @@ TRANSFORM_BODY = {
         )
     },
 }
+PREVIEW_BODY = {"required": True, "content": {MULTIPART: _multipart_body(["cloud"], cloud=_FILE)}}
 REPORT_BODY = {
     "required": True,
     "content": {

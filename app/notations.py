@@ -28,8 +28,8 @@ def notations(T_target_source: FloatArray) -> list[tuple[str, str]]:
         warnings.simplefilter("ignore", UserWarning)
         yaw, pitch, roll = rotation.as_euler("ZYX", degrees=True)
     return [
-        ("Matrix 4×4", "\n".join(_row(row) for row in T_target_source)),
-        ("NumPy", f"np.array({np.array2string(T_target_source, separator=', ', precision=17)})"),
+        ("Matrix 4×4", "\n".join(_aligned(row) for row in T_target_source)),
+        ("NumPy", _array(T_target_source)),
         ("Translation x y z", _row(t)),
         ("Quaternion x y z w", _row([x, y, z, w])),
         ("Quaternion w x y z", _row([w, x, y, z])),
@@ -71,6 +71,16 @@ def _log_translation(R: FloatArray, t: FloatArray) -> FloatArray:
 
 def _row(numbers: npt.ArrayLike) -> str:
     return " ".join(map(_number, np.asarray(numbers, dtype=np.float64)))
+
+
+def _aligned(row: FloatArray) -> str:
+    return " ".join(f"{_number(value):>13}" for value in row)
+
+
+def _array(T: FloatArray) -> str:
+    """Python code, with every digit of float64."""
+    rows = (", ".join(f"{value + 0.0!r}" for value in row) for row in T.tolist())
+    return "np.array([\n" + "".join(f"    [{row}],\n" for row in rows) + "])"
 
 
 def _number(value: float) -> str:

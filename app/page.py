@@ -1,4 +1,4 @@
-"""The page for people at ``/``, and the two downloads that it offers."""
+"""The page for people at ``/``, and what it asks for beside registrations."""
 
 from __future__ import annotations
 
@@ -7,17 +7,18 @@ from typing import Any
 
 from fastapi import APIRouter, Depends, FastAPI, Request, Response
 from fastapi.staticfiles import StaticFiles
-from starlette.responses import FileResponse
+from starlette.responses import FileResponse, JSONResponse
 
 from app.access import Access
-from app.api_description import REPORT_BODY, TRANSFORM_BODY, WORK_PROBLEMS
+from app.api_description import PREVIEW_BODY, REPORT_BODY, TRANSFORM_BODY, WORK_PROBLEMS
+from app.explanation import SHOWN_POINTS, thinned
 from app.multipart import Part, read_parts
 from app.problems import invalid_request
 from app.reception import Reception
 from app.register_request import parse_json, read_cloud, validated
 from app.report import report_page
 from app.request_body import MULTIPART, Body
-from app.schemas import RegisterResponse
+from app.schemas import Preview, RegisterResponse
 from app.worker_pool import Job
 from model import Registrar, RegistrationResult
 from model.cloud_file import ply_document
@@ -44,7 +45,7 @@ def page_files(app: FastAPI) -> None:
 
 
 def page_work(reception: Reception, access: Access) -> APIRouter:
-    """The routes that turn a pose into files."""
+    """The routes that show files and turn a pose into files."""
     router = APIRouter(tags=["files"], dependencies=[Depends(access)])
 
     @router.post(
@@ -89,6 +90,24 @@ def page_work(reception: Reception, access: Access) -> APIRouter:
             names = [Path(parts[name].filename or name).name for name in ("source", "target")]
             page = report_page(" onto ".join(names), source, target, result)
             return _download(page.encode("utf-8", "replace"), _HTML, "report.html")
+
+        return await reception.answer(request, (MULTIPART,), work)
+
+    @router.post(
+        "/preview",
+        operation_id="preview",
+        response_model=Preview,
+        responses=WORK_PROBLEMS,
+        openapi_extra={"requestBody": PREVIEW_BODY},
+    )
+    async def preview(request: Request) -> Response:
+        """Some points of a file, to be drawn, and how many it has."""
+
+        def work(registrar: Registrar, body: Body, job: Job) -> Response:
+            parts = read_parts(body.content_type, body.content, ("cloud",))
+            points = read_cloud(parts, "cloud", reception.limits)
+            shown = thinned(points, SHOWN_POINTS).tolist()
+            return JSONResponse(Preview(points=shown, total=len(points)).model_dump())
 
         return await reception.answer(request, (MULTIPART,), work)
 

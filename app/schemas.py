@@ -188,6 +188,13 @@ class BatchResponse(BaseModel):
         }
 
 
+class Preview(BaseModel):
+    """A cloud, to be drawn."""
+
+    points: list[list[float]] = Field(description="At most some thousands of its points.")
+    total: int = Field(description="Points that the cloud has.")
+
+
 class TargetResponse(BaseModel):
     """A prepared target."""
 
