@@ -12,7 +12,7 @@ FloatArray = npt.NDArray[np.float64]
 
 
 def notations(T_target_source: FloatArray) -> list[tuple[str, str]]:
-    """The pose as (name, text), every number with all the digits that tell it apart.
+    """The pose as (name, text), seven to nine digits a number.
 
     Args:
         T_target_source: (4, 4).
@@ -74,7 +74,8 @@ def _row(numbers: npt.ArrayLike) -> str:
 
 
 def _aligned(row: FloatArray) -> str:
-    return " ".join(f"{_number(value):>13}" for value in row)
+    """Three numbers of a rotation below those of the other rows, and a length."""
+    return "".join(f"{value + 0.0:>11.7f}" for value in row[:3]) + f"  {_number(row[3])}"
 
 
 def _array(T: FloatArray) -> str:

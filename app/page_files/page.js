@@ -247,6 +247,7 @@ function notation(line) {
   name.textContent = line.subject;
   const text = document.createElement("pre");
   text.textContent = line.statement;
+  text.classList.toggle("rows", line.statement.includes("\n"));
   text.tabIndex = 0;
   const copy = document.createElement("button");
   copy.type = "button";

@@ -543,7 +543,9 @@ def _other_inputs() -> Iterator[BadInput]:
 def _target_inputs() -> Iterator[BadInput]:
     for kind, points in BAD_CLOUDS.items():
         document = {"target": {"points": points}}
-        yield as_json(f"prepared target {kind}", document, path="/targets", names_field="target.points")
+        yield as_json(
+            f"prepared target {kind}", document, path="/targets", names_field="target.points"
+        )
     yield as_json("target: no target", {}, path="/targets", names_field="target")
     yield as_json("target: a source too", GOOD, path="/targets")
     yield as_npz("target: npz of a source", npz(source=ROWS), path="/targets")
@@ -568,7 +570,8 @@ def _download_inputs() -> Iterator[BadInput]:
     source = {"source": ("a.xyz", XYZ)}
     eye = json.dumps(np.eye(4).tolist())
     for kind, files, pose in (
-        ("no pose", source, None), ("pose a word", source, "identity"), ("pose 2×2", source, "[[1]]"),
+        ("no pose", source, None), ("pose a word", source, "identity"),
+        ("pose 2×2", source, "[[1]]"),
         ("pose scaled", source, json.dumps((2 * np.eye(4)).tolist())),
         ("pose deep", source, "[" * 50_000), ("pose null", source, "null"),
         ("a bad file", {"source": ("a.xyz", b"words")}, eye),
