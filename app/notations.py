@@ -59,7 +59,7 @@ def _log_translation(R: FloatArray, t: FloatArray) -> FloatArray:
     """V⁻¹ t, with V the left Jacobian of SO(3)."""
     phi = Rotation.from_matrix(R).as_rotvec()
     angle = float(np.linalg.norm(phi))
-    K = np.cross(np.eye(3), -phi)
+    K = np.cross(np.eye(3), phi)
     if angle < 1e-4:
         quadratic = 1.0 / 12.0
     else:

@@ -8,7 +8,7 @@ from functools import partial
 from importlib.metadata import version
 
 import structlog
-from anyio import create_task_group, to_thread
+from anyio import create_task_group
 from fastapi import FastAPI
 from fastapi_offline import FastAPIOffline
 
@@ -56,11 +56,10 @@ def create_app(
 
     @asynccontextmanager
     async def lifespan(_: FastAPI) -> AsyncIterator[None]:
-        async with create_task_group() as tasks:
+        async with pool.open(), create_task_group() as tasks:
             tasks.start_soon(readiness.prepare)
             yield
             tasks.cancel_scope.cancel()
-        await to_thread.run_sync(pool.close)
 
     app = FastAPIOffline(
         title="EquivAlign",

@@ -5,14 +5,15 @@ from __future__ import annotations
 import asyncio
 import math
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import asynccontextmanager, contextmanager
 from dataclasses import dataclass, field, replace
 from time import monotonic
 from typing import Any, TypeVar
 
 import torch
+from anyio import to_thread
 from fastapi import Request
 from starlette.requests import ClientDisconnect
 
@@ -80,15 +81,19 @@ class WorkerPool:
         self._metrics = metrics
         self._inside = 0
         self._mean_seconds = _FIRST_GUESS_SECONDS
-        share = max(1, usable_cores() // workers)
-        self._executor = ThreadPoolExecutor(
-            workers, "registration", initializer=torch.set_num_threads, initargs=(share,)
-        )
+        self._executor: ThreadPoolExecutor | None = None
 
-    @property
-    def idle(self) -> bool:
-        """Whether nothing runs and nothing waits."""
-        return self._inside == 0
+    @asynccontextmanager
+    async def open(self) -> AsyncIterator[None]:
+        """Have threads for the time of the block; it ends when their jobs have ended."""
+        share = max(1, usable_cores() // self._workers)
+        self._executor = ThreadPoolExecutor(
+            self._workers, "registration", initializer=torch.set_num_threads, initargs=(share,)
+        )
+        try:
+            yield
+        finally:
+            await to_thread.run_sync(self._executor.shutdown)
 
     @contextmanager
     def admit(self, deadline: float) -> Iterator[Job]:
@@ -115,6 +120,7 @@ class WorkerPool:
         Raises:
             ClientDisconnect: the caller went away; the work is told to stop.
         """
+        assert self._executor is not None, "the pool hasn't been opened"
         future = self._executor.submit(self._timed, job, work)
         running = asyncio.wrap_future(future)
         gone = asyncio.create_task(_disconnected(request))
@@ -133,10 +139,6 @@ class WorkerPool:
                     # Its place is free when its thread is.
                     await asyncio.wait({running})
                     running.exception()
-
-    def close(self) -> None:
-        """End the threads, once their jobs have ended."""
-        self._executor.shutdown(wait=True, cancel_futures=True)
 
     def _timed(self, job: Job, work: Callable[[], _T]) -> _T:
         if job.cancel.is_set():
