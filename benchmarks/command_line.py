@@ -18,6 +18,7 @@ _BENCHMARKS = {
         "which bi-level objective learns",
     ),
     "training": ("benchmarks.training_step", "training_command", "pairs a second of a training"),
+    "service": ("benchmarks.service", "service_command", "HTTP's share, load, a stop in mid-load"),
     "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 
