@@ -51,6 +51,6 @@ def _library(file: FileContent) -> Any:
             "LAS and LAZ files need more packages",
             field=file.field,
             value=file.name,
-            mend="pip install 'equivalign[files]', or send PLY",
+            mend="pip install 'equivalign[las]', or send PLY",
         ) from None
     return laspy

@@ -209,7 +209,9 @@ def test_unknown_formats_name_the_known_ones(tmp_path: Path, name: str) -> None:
         lambda: write_points(tmp_path / name, np.zeros((4, 3)), "source"),
         lambda: require_known_format(tmp_path / name, "source"),
     ):
-        with pytest.raises(UnknownFormatError, match=r"\.npy, \.npz, (\.\w+, )*\.pcd, \.ply, (\.\w+, )*\.xyz"):
+        with pytest.raises(
+            UnknownFormatError, match=r"\.npy, \.npz, (\.\w+, )*\.pcd, \.ply, (\.\w+, )*\.xyz"
+        ):
             refused()
     assert not list(tmp_path.iterdir())
 
