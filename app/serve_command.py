@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 import socket
+import sys
 from argparse import ArgumentParser
 
 from app.settings import ServiceSettings, read_settings
 from model.exceptions import InvalidOptionError
 
 _KEEP_ALIVE_SECONDS = 30
+_SWITCH_SECONDS = 0.001
 
 
 def serve_command(arguments: list[str]) -> int:
@@ -76,6 +78,8 @@ def _serve(settings: ServiceSettings, listener: socket.socket) -> None:
         timeout_keep_alive=_KEEP_ALIVE_SECONDS,
         timeout_graceful_shutdown=math.ceil(settings.deadline + settings.receive_seconds),
     )
+    # The workers' Python must give way to the event loop sooner than after the usual 5 ms.
+    sys.setswitchinterval(_SWITCH_SECONDS)
     server = uvicorn.Server(config)
     drain_before_exit(server, app.state.readiness, settings.drain_seconds)
     server.run(sockets=[listener])

@@ -30,7 +30,8 @@ class ServiceSettings(BaseSettings):
             stops listening; for orchestrators that need time to notice.
         receive_seconds: how long a request's body may take to arrive.
         max_body_bytes: of a request.
-        max_json_bytes: of a request's body as JSON, which is slow to read.
+        max_json_bytes: of a request's body as JSON; while a longer one was parsed, not even a
+            probe could be answered.
         max_unpacked_bytes: of what a compressed file or archive holds.
         max_points: of a cloud.
         max_batch: pairs of a batch.
@@ -51,7 +52,7 @@ class ServiceSettings(BaseSettings):
     drain_seconds: float = Field(default=1.0, ge=0.0)
     receive_seconds: float = Field(default=30.0, gt=0.0)
     max_body_bytes: int = Field(default=64 * _MIB, ge=1024)
-    max_json_bytes: int = Field(default=16 * _MIB, ge=1024)
+    max_json_bytes: int = Field(default=4 * _MIB, ge=1024)
     max_unpacked_bytes: int = Field(default=256 * _MIB, ge=1024)
     max_points: int = Field(default=1_000_000, ge=4)
     max_batch: int = Field(default=32, ge=1)

@@ -113,7 +113,7 @@ def test_deployments_name_what_there_is() -> None:
     from app.settings import ServiceSettings
 
     app = create_app(settings=ServiceSettings(log_level="error"))
-    paths = {route.path for route in app.routes}
+    paths = app.openapi()["paths"]
     known = {f"EQUIVALIGN_{name.upper()}" for name in ServiceSettings.model_fields}
     documents = list(yaml.safe_load_all((ROOT / "deploy/kubernetes.yaml").read_text()))
     kinds = {document["kind"]: document for document in documents}
