@@ -109,11 +109,13 @@ def test_the_dockerfile_is_clean() -> None:
 
 def test_deployments_name_what_there_is() -> None:
     yaml = pytest.importorskip("yaml")
+    import structlog
+
     from app.service import create_app
     from app.settings import ServiceSettings
 
-    app = create_app(settings=ServiceSettings(log_level="error"))
-    paths = app.openapi()["paths"]
+    structlog.configure(logger_factory=structlog.ReturnLoggerFactory())
+    paths = create_app(settings=ServiceSettings()).openapi()["paths"]
     known = {f"EQUIVALIGN_{name.upper()}" for name in ServiceSettings.model_fields}
     documents = list(yaml.safe_load_all((ROOT / "deploy/kubernetes.yaml").read_text()))
     kinds = {document["kind"]: document for document in documents}

@@ -49,9 +49,7 @@ def _as_it_is(ctx: object, value: object) -> bytes:
     return value if isinstance(value, bytes) else str(value).encode()
 
 
-app = create_app(
-    settings=ServiceSettings(log_level="error", max_json_bytes=2**20, max_body_bytes=2**20)
-)
+app = create_app(settings=ServiceSettings(max_json_bytes=2**20, max_body_bytes=2**20))
 schema = schemathesis.openapi.from_asgi("/openapi.json", app)
 asked: Counter[str] = Counter()
 
