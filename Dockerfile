@@ -23,8 +23,7 @@ COPY app app
 COPY benchmarks benchmarks
 COPY model model
 COPY training training
-RUN pip install --no-cache-dir --no-deps . \
-    && python -m compileall -q /opt/equivalign/lib
+RUN pip install --no-cache-dir --no-deps .
 
 FROM build AS list
 RUN python -m venv /opt/list \
