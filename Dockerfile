@@ -39,7 +39,7 @@ FROM python:${PYTHON}-slim AS service
 RUN apt-get update \
     && apt-get install -y --no-install-recommends libegl1 libgl1 libgomp1 libidn2-0 libudev1 libusb-1.0-0 libx11-6 \
     && rm -rf /var/lib/apt/lists/* \
-    && useradd --system --uid 10001 --home-dir /nonexistent --shell /usr/sbin/nologin equivalign
+    && useradd --uid 10001 --no-create-home --home-dir /nonexistent --shell /usr/sbin/nologin equivalign
 COPY --from=build /opt/equivalign /opt/equivalign
 # Waiting threads would take the cores from those that work. Nothing is written but /tmp.
 ENV PATH=/opt/equivalign/bin:$PATH \

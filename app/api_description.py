@@ -28,7 +28,10 @@ _FILE = _BINARY | {
     "description": "A PLY, PCD, XYZ, NPY, NPZ, LAS or LAZ cloud, or an OFF, OBJ or STL mesh, which "
     "is sampled; its name's suffix tells which.",
 }
-_NPZ_REQUEST = "Arrays source (M, 3), target (N, 3) or target_id, and options as JSON text."
+_NPZ_REQUEST = (
+    "Arrays source (M, 3), target (N, 3) or target_id, source_labels (M, L), target_labels (N, L), "
+    "and options as JSON text."
+)
 _NPZ_ANSWER = (
     "Arrays T_target_source (4, 4), quaternion_xyzw, translation, covariance, and the whole answer "
     "as UTF-8 JSON in the uint8 array answer."
@@ -100,12 +103,19 @@ def _register_body() -> dict[str, Any]:
         "default": json.dumps(example["options"]),
     }
     target_id = {"type": "string", "description": "A prepared target, instead of target."}
+    labels = _BINARY | {"description": "Labels of the points, (N, L), as an NPY file."}
     return {
         "required": True,
         "content": {
             JSON: _json_body(RegisterRequest, example),
             MULTIPART: _multipart_body(
-                ["source"], source=_FILE, target=_FILE, target_id=target_id, options=options
+                ["source"],
+                source=_FILE,
+                target=_FILE,
+                target_id=target_id,
+                source_labels=labels,
+                target_labels=labels,
+                options=options,
             ),
             NPZ: {"schema": _BINARY | {"description": _NPZ_REQUEST}},
         },

@@ -114,13 +114,20 @@ class Client:
         return described
 
     def register(
-        self, source: npt.ArrayLike, target: npt.ArrayLike | RemoteTarget, **options: Any
+        self,
+        source: npt.ArrayLike,
+        target: npt.ArrayLike | RemoteTarget,
+        source_labels: npt.ArrayLike | None = None,
+        target_labels: npt.ArrayLike | None = None,
+        **options: Any,
     ) -> RegistrationResult:
         """Find the pose that moves the source onto the target.
 
         Args:
             source: (M, 3).
             target: (N, 3) in the same unit, or a prepared one.
+            source_labels: (M, L), or None.
+            target_labels: (N, L), or None; a prepared target has its own.
             options: what ``options`` of the JSON body may hold.
 
         Raises:
@@ -131,6 +138,8 @@ class Client:
             arrays["target_id"] = np.array(target.target_id)
         else:
             arrays["target"] = np.asarray(target)
+        labels = {"source_labels": source_labels, "target_labels": target_labels}
+        arrays |= {name: np.asarray(given) for name, given in labels.items() if given is not None}
         answer = self._send("POST", "/register", _npz(arrays), {"Accept": _NPZ})
         with np.load(io.BytesIO(answer.content), allow_pickle=False) as found:
             T = found["T_target_source"]
@@ -166,13 +175,17 @@ class Client:
         answer = self._send("POST", "/register/batch", body, {"Content-Type": "application/json"})
         return BatchResponse.model_validate_json(answer.content)
 
-    def prepare_target(self, target: npt.ArrayLike) -> RemoteTarget:
-        """Have a target (N, 3) prepared, to register many sources to it.
+    def prepare_target(
+        self, target: npt.ArrayLike, labels: npt.ArrayLike | None = None
+    ) -> RemoteTarget:
+        """Have a target (N, 3), with labels (N, L) or without, prepared for many sources.
 
         Raises:
             ServiceError: the service refused.
         """
-        answer = self._send("POST", "/targets", _npz({"target": np.asarray(target)}))
+        arrays = {"target": np.asarray(target)}
+        arrays |= {} if labels is None else {"target_labels": np.asarray(labels)}
+        answer = self._send("POST", "/targets", _npz(arrays))
         kept = TargetResponse.model_validate_json(answer.content)
         return RemoteTarget(kept.target_id, kept.expires_in)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from contextvars import Context
 from types import FrameType
 
 import structlog
@@ -42,7 +43,8 @@ def drain_before_exit(server: uvicorn.Server, readiness: Readiness, seconds: flo
         except RuntimeError:
             stop(number, frame)
             return
-        _log.info("draining", seconds=seconds)
+        # Without the request that the signal happened to interrupt.
+        Context().run(_log.info, "draining", seconds=seconds)
         loop.call_soon_threadsafe(loop.call_later, seconds, stop, number, None)
 
     server.handle_exit = begin  # type: ignore[assignment, method-assign]

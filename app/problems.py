@@ -138,6 +138,8 @@ def _type_uri(name: str) -> str:
 def _request_field(error: EquivAlignError) -> str | None:
     """The registrar names its arguments; the caller knows where they stand in the request."""
     match error:
+        case InvalidCloudError() if error.field and error.field.endswith("_labels"):
+            return error.field.replace("_labels", ".labels")
         case InvalidCloudError():
             return f"{error.field}.points"
         case InvalidOptionError():

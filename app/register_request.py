@@ -18,13 +18,15 @@ from app.request_body import JSON, MULTIPART, NPZ, Body
 from app.schemas import Cloud, RegisterOptions, RegisterRequest, TargetRequest
 from model.cloud_file import ReadLimits, read_points_from_bytes
 from model.cloud_file.content import FileContent
-from model.cloud_file.numpy_file import arrays_in
+from model.cloud_file.numpy_file import array_in, arrays_in
 from model.point_cloud import as_points
 
 FloatArray = npt.NDArray[np.float64]
 
 REGISTER_MEDIA_TYPES = (JSON, MULTIPART, NPZ)
 
+_TARGET_NAMES = ("target", "target_labels")
+_NAMES = ("source", "source_labels", *_TARGET_NAMES, "target_id", "options")
 _Form = TypeVar("_Form", bound=BaseModel)
 _Target = TypeVar("_Target")
 
@@ -37,11 +39,28 @@ class RegisterInput:
         source: (M, 3).
         target: (N, 3), or the id of a prepared target.
         options: of the registration.
+        source_labels: (M, L) as they came, or None.
+        target_labels: (N, L) as they came, or None; a prepared target has its own.
     """
 
     source: FloatArray
     target: FloatArray | str
     options: RegisterOptions
+    source_labels: npt.ArrayLike | None = None
+    target_labels: npt.ArrayLike | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TargetInput:
+    """A target to prepare.
+
+    Attributes:
+        points: (N, 3).
+        labels: (N, L) as they came, or None.
+    """
+
+    points: FloatArray
+    labels: npt.ArrayLike | None = None
 
 
 def read_register(body: Body, limits: ReadLimits) -> RegisterInput:
@@ -60,7 +79,7 @@ def read_register(body: Body, limits: ReadLimits) -> RegisterInput:
     return _from_arrays(body, limits)
 
 
-def read_target(body: Body, limits: ReadLimits) -> FloatArray:
+def read_target(body: Body, limits: ReadLimits) -> TargetInput:
     """Read a request to prepare a target.
 
     Raises:
@@ -71,14 +90,16 @@ def read_target(body: Body, limits: ReadLimits) -> FloatArray:
     match body.media_type:
         case "application/json":
             asked = validated(TargetRequest, parse_json(body.content))
-            return _checked(asked.target.points, "target", limits)
+            points = _checked(asked.target.points, "target", limits)
+            return TargetInput(points, asked.target.labels)
         case "multipart/form-data":
-            parts = read_parts(body.content_type, body.content, ("target",))
-            return read_cloud(parts, "target", limits)
-    arrays = _arrays(body, limits, ("target",))
+            parts = read_parts(body.content_type, body.content, _TARGET_NAMES)
+            labels = _labels(parts, "target_labels", limits)
+            return TargetInput(read_cloud(parts, "target", limits), labels)
+    arrays = _arrays(body, limits, _TARGET_NAMES)
     if "target" not in arrays:
         raise invalid_request(("target",), "this array is missing")
-    return _checked(arrays["target"], "target", limits)
+    return TargetInput(_checked(arrays["target"], "target", limits), arrays.get("target_labels"))
 
 
 def input_of(asked: RegisterRequest, limits: ReadLimits) -> RegisterInput:
@@ -91,7 +112,8 @@ def input_of(asked: RegisterRequest, limits: ReadLimits) -> RegisterInput:
     given = _one_target(asked.target, asked.target_id)
     source = _checked(asked.source.points, "source", limits)
     target = _checked(given.points, "target", limits) if isinstance(given, Cloud) else given
-    return RegisterInput(source, target, asked.options)
+    target_labels = None if asked.target is None else asked.target.labels
+    return RegisterInput(source, target, asked.options, asked.source.labels, target_labels)
 
 
 def parse_json(text: bytes, field: str = "body") -> Any:
@@ -137,9 +159,7 @@ def read_cloud(parts: dict[str, Part], name: str, limits: ReadLimits) -> FloatAr
 
 
 def _from_parts(body: Body, limits: ReadLimits) -> RegisterInput:
-    parts = read_parts(
-        body.content_type, body.content, ("source", "target", "target_id", "options")
-    )
+    parts = read_parts(body.content_type, body.content, _NAMES)
     options = RegisterOptions()
     if "options" in parts:
         options = _options(parts["options"].content)
@@ -149,11 +169,12 @@ def _from_parts(body: Body, limits: ReadLimits) -> RegisterInput:
     given = _one_target(parts.get("target"), target_id)
     source = read_cloud(parts, "source", limits)
     target = given if isinstance(given, str) else read_cloud(parts, "target", limits)
-    return RegisterInput(source, target, options)
+    labels = (_labels(parts, name, limits) for name in ("source_labels", "target_labels"))
+    return RegisterInput(source, target, options, *labels)
 
 
 def _from_arrays(body: Body, limits: ReadLimits) -> RegisterInput:
-    arrays = _arrays(body, limits, ("source", "target", "target_id", "options"))
+    arrays = _arrays(body, limits, _NAMES)
     if "source" not in arrays:
         raise invalid_request(("source",), "this array is missing")
     options = RegisterOptions()
@@ -163,7 +184,8 @@ def _from_arrays(body: Body, limits: ReadLimits) -> RegisterInput:
     given = _one_target(arrays.get("target"), target_id)
     source = _checked(arrays["source"], "source", limits)
     target = given if isinstance(given, str) else _checked(given, "target", limits)
-    return RegisterInput(source, target, options)
+    labels = (arrays.get(name) for name in ("source_labels", "target_labels"))
+    return RegisterInput(source, target, options, *labels)
 
 
 def _arrays(body: Body, limits: ReadLimits, known: Collection[str]) -> dict[str, npt.NDArray[Any]]:
@@ -172,6 +194,13 @@ def _arrays(body: Body, limits: ReadLimits, known: Collection[str]) -> dict[str,
         if name not in known:
             raise invalid_request((name,), f"this array isn't known; send {', '.join(known)}")
     return dict(arrays)
+
+
+def _labels(parts: dict[str, Part], name: str, limits: ReadLimits) -> npt.NDArray[Any] | None:
+    """The labels in a part that is an NPY file."""
+    if name not in parts:
+        return None
+    return array_in(FileContent(name, parts[name].content, name, limits), parts[name].content)
 
 
 def _options(text: bytes) -> RegisterOptions:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from inspect import Parameter, signature
 from typing import Any
 
 from app.explanation import explain
@@ -12,6 +11,7 @@ from app.metrics import ServiceMetrics
 from app.prepared_targets import PreparedTargets
 from app.refusals import DeadlineExceededError
 from app.register_request import RegisterInput
+from app.registrar_interface import supported
 from app.schemas import RegisterResponse
 from app.worker_pool import Job
 from model import Registrar
@@ -47,7 +47,14 @@ def registered(
         max_rotation_deg=options.max_rotation_deg,
         seed=options.seed,
         solver=options.solver,
-        **_supported(registrar, deadline=job.remaining, cancel=job.cancel),
+        **supported(
+            registrar.register,
+            search=options.search,
+            deadline=job.remaining,
+            cancel=job.cancel,
+            source_labels=asked.source_labels,
+            target_labels=asked.target_labels,
+        ),
     )
     metrics.registered(result.diagnostics)
     if getattr(result.diagnostics, "deadline_reached", False):
@@ -61,14 +68,10 @@ def registered(
 def _with_points(registrar: Registrar, points: int) -> Registrar:
     """A registrar of the same artifact that works on another number of points."""
     artifact = registrar.artifact
-    settings = replace(artifact.settings, points=points)
+    settings: Any = artifact.settings
+    if hasattr(settings, "dense_points"):
+        fewer = {"dense_points": points, "points": min(points, settings.points)}
+    else:
+        fewer = {"points": points}
+    settings = replace(settings, **fewer)
     return Registrar(replace(artifact, settings=settings))
-
-
-def _supported(registrar: Registrar, **options: Any) -> dict[str, Any]:
-    """The options that this registrar knows."""
-    known = signature(registrar.register).parameters.values()
-    if any(parameter.kind is Parameter.VAR_KEYWORD for parameter in known):
-        return options
-    names = {parameter.name for parameter in known}
-    return {name: value for name, value in options.items() if name in names}

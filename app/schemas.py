@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, SkipValidation
 
 from app.explanation import Explanation
+from app.registrar_interface import SOLVERS
 from model import Diagnostics, RegistrationResult
-from model.inner_loop import INNER_LOOPS
 
 _REQUEST = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -32,7 +32,13 @@ class RegisterOptions(BaseModel):
         default=None,
         min_length=1,
         description="Inner loop; null takes the artifact's.",
-        json_schema_extra={"enum": [*INNER_LOOPS, None]},
+        json_schema_extra={"enum": [*SOLVERS, None]},
+    )
+    search: str = Field(
+        default="global",
+        description="global looks everywhere that max_rotation_deg allows; local solves from the "
+        "guess (or from no motion) alone, which is quicker.",
+        json_schema_extra={"enum": ["global", "local"]},
     )
     initial: list[list[float]] | None = Field(
         default=None, description="A guess of T_target_source, 4×4, to search around."
@@ -66,6 +72,11 @@ class Cloud(BaseModel):
     # NumPy checks the numbers, thousands of times faster than a validator called on each.
     points: Annotated[list[list[float]], SkipValidation] = Field(
         description="Rows of x, y, z in any unit, the same for both clouds; at least 4."
+    )
+    labels: Annotated[list[list[float]] | None, SkipValidation] = Field(
+        default=None,
+        description="For each point a row of numbers that no motion changes, such as its colour; "
+        "both clouds have them or neither.",
     )
 
 

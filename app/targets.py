@@ -10,6 +10,7 @@ from app.api_description import TARGET_BODY, TARGET_PROBLEMS, WORK_PROBLEMS
 from app.prepared_targets import KeptTarget, PreparedTargets
 from app.reception import Reception
 from app.register_request import REGISTER_MEDIA_TYPES, read_target
+from app.registrar_interface import memory, prepared
 from app.request_body import Body
 from app.schemas import TargetResponse
 from app.worker_pool import Job
@@ -35,9 +36,10 @@ def target_routes(reception: Reception, targets: PreparedTargets, access: Access
         """
 
         def work(registrar: Registrar, body: Body, job: Job) -> Response:
-            points = read_target(body, reception.limits)
-            kept = targets.keep(points, points, points.nbytes)
-            job.facts.update(points_target=len(points), target_bytes=kept.nbytes)
+            asked = read_target(body, reception.limits)
+            target = prepared(registrar, asked.points, asked.labels)
+            kept = targets.keep(target, asked.points, memory(target))
+            job.facts.update(points_target=len(asked.points), target_bytes=kept.nbytes)
             return JSONResponse(_document(kept), 201, {"Location": f"/targets/{kept.target_id}"})
 
         return await reception.answer(request, REGISTER_MEDIA_TYPES, work)
