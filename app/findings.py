@@ -19,6 +19,43 @@ def pose_lines(result: RegistrationResult) -> list[tuple[str, str]]:
     ]
 
 
+# Above and below these the verdict is plain.
+_LIKELY, _UNLIKELY = 0.8, 0.4
+_LOW_OVERLAP = 0.3
+# A runner-up this much like the answer is as good as it.
+_AS_GOOD = 0.9
+
+
+def verdict(diagnostics: Diagnostics) -> str:
+    """Whether to trust the pose, in one line."""
+    probability: float | None = getattr(diagnostics, "success_probability", None)
+    said = _hints(diagnostics) if probability is None else _likelihood(probability)
+    return "; ".join([said, *_alternatives(diagnostics)])
+
+
+def _likelihood(probability: float) -> str:
+    words = "likely right" if probability >= _LIKELY else "uncertain"
+    return f"{'likely wrong' if probability < _UNLIKELY else words}: {probability:.2f}"
+
+
+def _hints(d: Diagnostics) -> str:
+    overlap = max(d.overlap_source, d.overlap_target)
+    shares = f"{d.overlap_source:.0%} and {d.overlap_target:.0%} of the clouds overlap"
+    if overlap < _LOW_OVERLAP:
+        return f"distrust it: only {shares}"
+    if not d.converged:
+        return f"with care: {shares}, but the inner loop was still moving"
+    return f"plausible: {shares} and the inner loop converged"
+
+
+def _alternatives(d: Diagnostics) -> list[str]:
+    as_good = [other for other in d.runner_ups if other.similarity >= _AS_GOOD * d.similarity]
+    angles = ", ".join(f"{other.rotation_from_answer_deg:.0f}°" for other in as_good)
+    if not as_good:
+        return []
+    return [f"{'alternatives' if len(as_good) > 1 else 'alternative'} as good at {angles}"]
+
+
 def findings(diagnostics: Diagnostics) -> list[tuple[str, str]]:
     """What the diagnostics say, as (subject, statement) in the order of interest."""
     d = diagnostics

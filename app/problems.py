@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from http import HTTPStatus
 from typing import Any
@@ -10,54 +11,70 @@ from typing import Any
 import structlog
 from fastapi import FastAPI, Request
 from fastapi.exceptions import RequestValidationError
-from fastapi.responses import JSONResponse
-from pydantic import BaseModel, Field
+from fastapi.responses import Response
 from starlette.exceptions import HTTPException
+from starlette.requests import ClientDisconnect
 
-from app.readiness import NotReadyError
+from app.refusals import (
+    DeadlineExceededError,
+    DrainingError,
+    NotReadyError,
+    OverloadedError,
+    SlowRequestError,
+    TargetTooLargeError,
+    TooLargeError,
+    UnauthorizedError,
+    UnknownTargetError,
+    UnsupportedMediaTypeError,
+)
+from app.schemas import Problem, RegisterResponse
 from model.exceptions import (
     ArtifactError,
     CloudFileError,
     EquivAlignError,
+    FileTooLargeError,
     InvalidCloudError,
     InvalidOptionError,
+    TooManyPointsError,
 )
 
 MEDIA_TYPE = "application/problem+json"
 
+# The first that fits counts.
 _STATUS: dict[type[EquivAlignError], HTTPStatus] = {
+    TooManyPointsError: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    FileTooLargeError: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    TooLargeError: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
+    TargetTooLargeError: HTTPStatus.REQUEST_ENTITY_TOO_LARGE,
     InvalidCloudError: HTTPStatus.UNPROCESSABLE_ENTITY,
     InvalidOptionError: HTTPStatus.UNPROCESSABLE_ENTITY,
     CloudFileError: HTTPStatus.UNPROCESSABLE_ENTITY,
+    UnauthorizedError: HTTPStatus.UNAUTHORIZED,
+    UnknownTargetError: HTTPStatus.NOT_FOUND,
+    SlowRequestError: HTTPStatus.REQUEST_TIMEOUT,
+    UnsupportedMediaTypeError: HTTPStatus.UNSUPPORTED_MEDIA_TYPE,
+    OverloadedError: HTTPStatus.TOO_MANY_REQUESTS,
     ArtifactError: HTTPStatus.SERVICE_UNAVAILABLE,
     NotReadyError: HTTPStatus.SERVICE_UNAVAILABLE,
+    DrainingError: HTTPStatus.SERVICE_UNAVAILABLE,
+    DeadlineExceededError: HTTPStatus.GATEWAY_TIMEOUT,
 }
+# nginx's name for callers that went away; nobody receives it, but the log tells.
+_CLIENT_CLOSED_REQUEST = 499
+_RETRY_SECONDS = "5"
 _LONGEST_VALUE = 120
 
 
-class Problem(BaseModel):
-    """What is wrong with a request, as RFC 9457 has it; field, value and mend where they apply."""
-
-    type: str = Field(description="Names the kind of problem; stable.")
-    title: str
-    status: int
-    detail: str
-    field: str | None = Field(default=None, description="What is wrong, e.g. source.points.")
-    value: str | None = Field(default=None, description="What was found there, shortly.")
-    mend: str | None = Field(default=None, description="What to do about it.")
-
-    def response(self, headers: dict[str, str] | None = None) -> JSONResponse:
-        """The document as an answer."""
-        return JSONResponse(
-            self.model_dump(exclude_none=True),
-            status_code=self.status,
-            headers=headers,
-            media_type=MEDIA_TYPE,
-        )
+def problem_response(problem: Problem, headers: dict[str, str] | None = None) -> Response:
+    """A problem document as an answer."""
+    text = json.dumps(problem.document(), ensure_ascii=False, allow_nan=False)
+    # Text that isn't Unicode, as in a forged name, must not break the answer about it.
+    return Response(text.encode("utf-8", "replace"), problem.status, headers, MEDIA_TYPE)
 
 
 def handle_problems(app: FastAPI) -> None:
     """Answer every error of the service with a problem document."""
+    app.add_exception_handler(ClientDisconnect, _answer_disconnected)
     app.add_exception_handler(EquivAlignError, _answer_equivalign_error)
     app.add_exception_handler(RequestValidationError, _answer_validation_error)
     app.add_exception_handler(HTTPException, _answer_http_exception)
@@ -77,6 +94,23 @@ def problem_of(error: EquivAlignError) -> Problem:
         field=_request_field(error),
         value=None if error.value is None else _shorten(str(error.value)),
         mend=error.mend or None,
+        best_so_far=_best_so_far(error),
+    )
+
+
+def invalid_request_problem(error: RequestValidationError) -> Problem:
+    """The problem document of a request that has another form."""
+    first: dict[str, Any] = error.errors()[0]
+    unknown = first["type"] == "extra_forbidden"
+    missing = first["type"] == "missing"
+    return Problem(
+        type=_type_uri("InvalidRequest"),
+        title="The request doesn't have the form that is asked for",
+        status=HTTPStatus.UNPROCESSABLE_ENTITY,
+        detail="this name isn't known" if unknown else _shorten(first["msg"]),
+        field=_shorten(".".join(map(str, first["loc"]))) or "body",
+        value=None if missing else _describe(first["input"]),
+        mend="leave it out; /docs lists the names" if unknown else "see /docs for an example",
     )
 
 
@@ -104,6 +138,8 @@ def _type_uri(name: str) -> str:
 def _request_field(error: EquivAlignError) -> str | None:
     """The registrar names its arguments; the caller knows where they stand in the request."""
     match error:
+        case InvalidCloudError() if error.field and error.field.endswith("_labels"):
+            return error.field.replace("_labels", ".labels")
         case InvalidCloudError():
             return f"{error.field}.points"
         case InvalidOptionError():
@@ -122,33 +158,41 @@ def _describe(value: object) -> str | None:
     return type(value).__name__
 
 
-async def _answer_equivalign_error(request: Request, error: Exception) -> JSONResponse:
+def _best_so_far(error: EquivAlignError) -> RegisterResponse | None:
+    if isinstance(error, DeadlineExceededError) and error.best_so_far is not None:
+        return RegisterResponse.of(error.best_so_far)
+    return None
+
+
+async def _answer_equivalign_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, EquivAlignError)
     problem = problem_of(error)
     _remember(problem)
-    retry = {"Retry-After": "5"} if isinstance(error, NotReadyError) else None
-    return problem.response(retry)
+    match error:
+        case OverloadedError():
+            return problem_response(problem, {"Retry-After": str(error.retry_after)})
+        case NotReadyError():
+            return problem_response(problem, {"Retry-After": _RETRY_SECONDS})
+        case DrainingError():
+            return problem_response(problem, {"Retry-After": "1"})
+        case UnauthorizedError():
+            return problem_response(problem, {"WWW-Authenticate": "Bearer"})
+    return problem_response(problem)
 
 
-async def _answer_validation_error(request: Request, error: Exception) -> JSONResponse:
+async def _answer_validation_error(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
-    first: dict[str, Any] = error.errors()[0]
-    unknown = first["type"] == "extra_forbidden"
-    missing = first["type"] == "missing"
-    problem = Problem(
-        type=_type_uri("InvalidRequest"),
-        title="The request doesn't have the form that is asked for",
-        status=HTTPStatus.UNPROCESSABLE_ENTITY,
-        detail="this name isn't known" if unknown else first["msg"],
-        field=".".join(map(str, first["loc"])) or "body",
-        value=None if missing else _describe(first["input"]),
-        mend="leave it out; /docs lists the names" if unknown else "see /docs for an example",
-    )
+    problem = invalid_request_problem(error)
     _remember(problem)
-    return problem.response()
+    return problem_response(problem)
 
 
-async def _answer_http_exception(request: Request, error: Exception) -> JSONResponse:
+async def _answer_disconnected(request: Request, error: Exception) -> Response:
+    structlog.contextvars.bind_contextvars(problem="disconnected")
+    return Response(status_code=_CLIENT_CLOSED_REQUEST)
+
+
+async def _answer_http_exception(request: Request, error: Exception) -> Response:
     assert isinstance(error, HTTPException)
     status = HTTPStatus(error.status_code)
     at = f"{request.method} {request.url.path}"
@@ -160,7 +204,7 @@ async def _answer_http_exception(request: Request, error: Exception) -> JSONResp
         mend="see /docs for what there is" if status < HTTPStatus.INTERNAL_SERVER_ERROR else None,
     )
     _remember(problem)
-    return problem.response(dict(error.headers or {}))
+    return problem_response(problem, dict(error.headers or {}))
 
 
 def _remember(problem: Problem) -> None:

@@ -1,4 +1,4 @@
-"""The service's registrar, from the first moment to the answer that all is ready."""
+"""The service's registrar, from the first moment to the last."""
 
 from __future__ import annotations
 
@@ -8,14 +8,11 @@ import structlog
 from anyio import to_thread
 
 from app.example_pair import example_pair
+from app.refusals import DrainingError, NotReadyError
 from model import Registrar
 from model.exceptions import EquivAlignError
 
 _log = structlog.get_logger()
-
-
-class NotReadyError(EquivAlignError):
-    """The service can't register yet."""
 
 
 class Readiness:
@@ -29,6 +26,7 @@ class Readiness:
         self._load = load
         self._registrar: Registrar | None = None
         self._failure: str | None = None
+        self._draining = False
 
     @property
     def registrar(self) -> Registrar:
@@ -36,7 +34,13 @@ class Readiness:
 
         Raises:
             NotReadyError: it is still loading, or can't be loaded.
+            DrainingError: the service ends what it began, and takes nothing new.
         """
+        if self._draining:
+            raise DrainingError(
+                "the service is about to stop and takes nothing new",
+                mend="send the request again: another instance may take it",
+            )
         if self._failure is not None:
             raise NotReadyError(
                 f"the artifact can't be used: {self._failure}", mend="the operator has to mend it"
@@ -44,6 +48,15 @@ class Readiness:
         if self._registrar is None:
             raise NotReadyError("the artifact is being loaded", mend="try again in some seconds")
         return self._registrar
+
+    @property
+    def draining(self) -> bool:
+        """Whether the service is about to stop."""
+        return self._draining
+
+    def drain(self) -> None:
+        """From now on the service isn't ready."""
+        self._draining = True
 
     async def prepare(self) -> None:
         """Load and warm up off the event loop; a failure is logged and kept for the probes."""

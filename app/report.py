@@ -13,6 +13,7 @@ import plotly.graph_objects as go
 from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
+from app.explanation import thinned
 from app.findings import findings, pose_lines
 from model import Iteration, RegistrationResult
 from model.cloud_file import complete_file
@@ -45,10 +46,19 @@ def write_report(
     Raises:
         CloudFileError: the file can't be written there.
     """
+    page = report_page(title, source, target, result)
+    with complete_file(path, "report") as unfinished:
+        unfinished.write_text(page, encoding="utf-8")
+
+
+def report_page(
+    title: str, source: FloatArray, target: FloatArray, result: RegistrationResult
+) -> str:
+    """The page as text; see ``write_report``."""
     # Far from the origin, as in UTM, the browser's float32 would move the points.
     origin = target.mean(axis=0)
-    shown_source, shown_target = _thin(source), _thin(target)
-    page = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+    shown_source, shown_target = thinned(source, SHOWN_POINTS), thinned(target, SHOWN_POINTS)
+    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
         title=escape(title),
         plotly=get_plotlyjs(),
         before=_figure(_clouds(shown_source - origin, shown_target - origin), "before"),
@@ -60,16 +70,6 @@ def write_report(
         pose=_table_rows(pose_lines(result), "<pre>{}</pre>"),
         findings=_table_rows(findings(result.diagnostics), "{}"),
     )
-    with complete_file(path, "report") as unfinished:
-        unfinished.write_text(page, encoding="utf-8")
-
-
-def _thin(points: FloatArray) -> FloatArray:
-    """At most SHOWN_POINTS of the points, always the same ones."""
-    if len(points) <= SHOWN_POINTS:
-        return points
-    kept = np.random.default_rng(0).choice(len(points), SHOWN_POINTS, replace=False)
-    return points[np.sort(kept)]
 
 
 def _shown(source: FloatArray, target: FloatArray) -> str:

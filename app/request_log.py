@@ -12,7 +12,8 @@ import structlog
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from app.problems import unexpected_problem
+from app.metrics import ServiceMetrics
+from app.problems import problem_response, unexpected_problem
 
 REQUEST_ID = "X-Request-ID"
 
@@ -25,10 +26,12 @@ class RequestLog:
 
     Args:
         app: the application inside.
+        metrics: told of every request.
     """
 
-    def __init__(self, app: ASGIApp) -> None:
+    def __init__(self, app: ASGIApp, metrics: ServiceMetrics) -> None:
         self._app = app
+        self._metrics = metrics
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, watching what is answered."""
@@ -56,9 +59,17 @@ class RequestLog:
             _log.exception("unexpected error")
             if status is not None:
                 raise
-            await unexpected_problem().response()(scope, receive, send_with_id)
+            await problem_response(unexpected_problem())(scope, receive, send_with_id)
         finally:
-            _log.info("request", status=status, seconds=round(perf_counter() - started, 4))
+            seconds = perf_counter() - started
+            self._metrics.answered(_route(scope), status, seconds)
+            _log.info("request", status=status, seconds=round(seconds, 4))
+
+
+def _route(scope: Scope) -> str:
+    """The route's pattern: paths from strangers would be endless labels."""
+    pattern: str = getattr(scope.get("route"), "path", "")
+    return pattern or "none"
 
 
 def _request_id(headers: Headers) -> str:

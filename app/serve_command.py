@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import math
 import socket
+import sys
 from argparse import ArgumentParser
 
 from app.settings import ServiceSettings, read_settings
 from model.exceptions import InvalidOptionError
+
+_KEEP_ALIVE_SECONDS = 30
+_SWITCH_SECONDS = 0.001
 
 
 def serve_command(arguments: list[str]) -> int:
@@ -21,9 +26,9 @@ def serve_command(arguments: list[str]) -> int:
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(
         prog="equivalign serve",
-        description="Serve POST /register, GET /livez, /readyz, /model and /docs over HTTP.",
-        epilog="The environment variables EQUIVALIGN_ARTIFACT, _HOST, _PORT, _LOG_LEVEL and "
-        "_CONCURRENT_REGISTRATIONS set what isn't given here.",
+        description="Serve POST /register, the page at /, /docs, /metrics and probes over HTTP.",
+        epilog="Environment variables set what isn't given here: "
+        + ", ".join(f"EQUIVALIGN_{name.upper()}" for name in ServiceSettings.model_fields),
     )
     parser.add_argument("--artifact", metavar="DIR", help="trained artifact")
     parser.add_argument("--host", help="address to listen at (127.0.0.1)")
@@ -39,7 +44,11 @@ def _listen(settings: ServiceSettings) -> socket.socket:
     """
     try:
         family = socket.getaddrinfo(settings.host, settings.port, type=socket.SOCK_STREAM)[0][0]
-        return socket.create_server((settings.host, settings.port), family=family)
+        listener = socket.create_server((settings.host, settings.port), family=family)
+        # Its connections inherit it: an answer's last packet mustn't wait 40 ms for the caller's
+        # delayed acknowledgement. asyncio sets it only on sockets made in another way.
+        listener.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        return listener
     except OSError as error:
         raise InvalidOptionError(
             f"can't listen there: {error.strerror}",
@@ -54,6 +63,7 @@ def _serve(settings: ServiceSettings, listener: socket.socket) -> None:
     import structlog
     import uvicorn
 
+    from app.draining import drain_before_exit
     from app.service import create_app
     from model import Registrar
 
@@ -61,4 +71,15 @@ def _serve(settings: ServiceSettings, listener: socket.socket) -> None:
     app = create_app(lambda: registrar, settings)
     host, port, *_ = listener.getsockname()
     structlog.get_logger().info("serving", host=host, port=port)
-    uvicorn.Server(uvicorn.Config(app, log_config=None, access_log=False)).run(sockets=[listener])
+    config = uvicorn.Config(
+        app,
+        log_config=None,
+        access_log=False,
+        timeout_keep_alive=_KEEP_ALIVE_SECONDS,
+        timeout_graceful_shutdown=math.ceil(settings.deadline + settings.receive_seconds),
+    )
+    # The workers' Python must give way to the event loop sooner than after the usual 5 ms.
+    sys.setswitchinterval(_SWITCH_SECONDS)
+    server = uvicorn.Server(config)
+    drain_before_exit(server, app.state.readiness, settings.drain_seconds)
+    server.run(sockets=[listener])

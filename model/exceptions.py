@@ -45,6 +45,10 @@ class NonFiniteCloudError(InvalidCloudError):
     """A coordinate is NaN or infinite."""
 
 
+class TooManyPointsError(InvalidCloudError):
+    """More points than the caller allows."""
+
+
 class DegenerateCloudError(InvalidCloudError):
     """All points coincide or lie on one line, so that the rotation is undetermined."""
 
@@ -63,6 +67,10 @@ class UnknownFormatError(CloudFileError):
 
 class UnreadableFileError(CloudFileError):
     """The file is missing, truncated or not what its name says."""
+
+
+class FileTooLargeError(CloudFileError):
+    """The file unpacks to more than the caller allows."""
 
 
 class ArtifactError(EquivAlignError):

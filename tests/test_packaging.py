@@ -18,6 +18,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).resolve().parent.parent
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PACKAGES = ("app", "benchmarks", "model", "training")
+HADOLINT = shutil.which("hadolint", path=Path(sys.executable).parent) or shutil.which("hadolint")
 DOCKERFILE = (ROOT / "Dockerfile").read_text(encoding="utf-8")
 
 
@@ -41,6 +42,9 @@ def test_the_wheel_holds_what_serving_needs(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     assert {
         "app/report.html",
+        "app/page_files/index.html",
+        "app/page_files/examples.json",
+        "app/page_files/example-part-source.ply",
         "app/py.typed",
         "model/py.typed",
         "model/artifacts/default/artifact.json",
@@ -93,7 +97,47 @@ def test_the_image_is_pinned_unprivileged_and_watched() -> None:
     assert re.search(r"^HEALTHCHECK .*\\\n +CMD \[\"python\"", final, re.MULTILINE)
     assert re.search(r"^EXPOSE 8000$", final, re.MULTILINE)
     command = json.loads(re.findall(r"^CMD (.*)$", final, re.MULTILINE)[-1])
-    assert command == ["equivalign", "serve", "--host", "0.0.0.0"]
+    assert command == ["equivalign", "serve"]
+    assert "EQUIVALIGN_HOST=0.0.0.0" in final
+
+
+@pytest.mark.skipif(HADOLINT is None, reason="hadolint isn't installed")
+def test_the_dockerfile_is_clean() -> None:
+    done = subprocess.run([str(HADOLINT), "Dockerfile"], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout
+
+
+def test_deployments_name_what_there_is() -> None:
+    yaml = pytest.importorskip("yaml")
+    import structlog
+
+    from app.service import create_app
+    from app.settings import ServiceSettings
+
+    structlog.configure(logger_factory=structlog.ReturnLoggerFactory())
+    paths = create_app(settings=ServiceSettings()).openapi()["paths"]
+    known = {f"EQUIVALIGN_{name.upper()}" for name in ServiceSettings.model_fields}
+    documents = list(yaml.safe_load_all((ROOT / "deploy/kubernetes.yaml").read_text()))
+    kinds = {document["kind"]: document for document in documents}
+    assert {"Deployment", "Service", "HorizontalPodAutoscaler"} <= kinds.keys()
+    pod = kinds["Deployment"]["spec"]["template"]["spec"]
+    (container,) = pod["containers"]
+    assert {variable["name"] for variable in container["env"]} <= known
+    for probe in ("startupProbe", "livenessProbe", "readinessProbe"):
+        assert container[probe]["httpGet"]["path"] in paths
+    assert container["securityContext"]["readOnlyRootFilesystem"] is True
+    assert f"USER {pod['securityContext']['runAsUser']}" in DOCKERFILE
+    settings = ServiceSettings(
+        **{v["name"][11:].lower(): v["value"] for v in container["env"] if "value" in v}
+    )
+    needed = settings.drain_seconds + settings.receive_seconds + settings.deadline
+    assert pod["terminationGracePeriodSeconds"] > needed
+    services = yaml.safe_load((ROOT / "compose.yaml").read_text())["services"]
+    for service in services.values():
+        assert service["read_only"]
+        assert service["environment"].keys() <= known
+        arguments = set(service["build"]["args"])
+        assert arguments <= set(re.findall(r"^ARG (\w+)", DOCKERFILE, re.MULTILINE))
 
 
 def test_the_image_can_copy_what_it_copies() -> None:

@@ -10,7 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from model.cloud_file.atomic_file import complete_file
-from model.cloud_file.content import FileContent
+from model.cloud_file.content import UNLIMITED, FileContent, ReadLimits
+from model.cloud_file.las import read_las
+from model.cloud_file.mesh import read_obj, read_off, read_stl
 from model.cloud_file.numpy_file import read_npy, read_npz, write_npy, write_npz
 from model.cloud_file.open3d_file import write_with_open3d
 from model.cloud_file.pcd import read_pcd
@@ -22,12 +24,18 @@ FloatArray = npt.NDArray[np.float64]
 _T = TypeVar("_T")
 
 _READERS: dict[str, Callable[[FileContent], FloatArray]] = {
+    ".las": read_las,
+    ".laz": read_las,
     ".npy": read_npy,
     ".npz": read_npz,
+    ".obj": read_obj,
+    ".off": read_off,
     ".pcd": read_pcd,
     ".ply": read_ply,
+    ".stl": read_stl,
     ".xyz": read_xyz,
 }
+KNOWN_SUFFIXES = tuple(_READERS)
 _WRITERS: dict[str, Callable[[Path, FloatArray], None]] = {
     ".npy": write_npy,
     ".npz": write_npz,
@@ -38,13 +46,16 @@ _WRITERS: dict[str, Callable[[Path, FloatArray], None]] = {
 
 
 def read_points(path: Path, field: str) -> FloatArray:
-    """Read the points of a PLY, PCD, XYZ, NPY or NPZ file, all of them and in their order.
+    """Read the points of a cloud's file, all of them and in their order, or sample a mesh.
 
     Points are returned as they stand, NaN included; ``model.point_cloud.as_points`` judges them.
 
     Args:
-        path: the file; its suffix tells the format. XYZ is text with ``#`` comments, whose columns
-            after the third are ignored; NPZ holds an array named ``points``, or only one.
+        path: the file; its suffix tells the format, one of PLY, PCD, XYZ, NPY, NPZ, LAS, LAZ, and
+            OFF, OBJ, STL. XYZ is text with ``#`` comments, whose columns after the third are
+            ignored; NPZ holds an array named ``points``, or only one. The triangles of OFF, OBJ and
+            STL are sampled evenly, always at the same places; without triangles their vertices
+            are the points.
         field: the file's role in error messages (``source``).
 
     Returns:
@@ -67,13 +78,16 @@ def read_points(path: Path, field: str) -> FloatArray:
     return read_points_from_bytes(data, path.name, field)
 
 
-def read_points_from_bytes(data: bytes, filename: str, field: str) -> FloatArray:
+def read_points_from_bytes(
+    data: bytes, filename: str, field: str, limits: ReadLimits = UNLIMITED
+) -> FloatArray:
     """Read the points of a file's content, as ``read_points`` does.
 
     Args:
         data: the whole content.
         filename: the name it came with; its suffix tells the format.
         field: the file's role in error messages (``source``).
+        limits: how much it may hold, for files from strangers.
 
     Returns:
         (N, 3) float64, in the file's unit.
@@ -81,12 +95,16 @@ def read_points_from_bytes(data: bytes, filename: str, field: str) -> FloatArray
     Raises:
         UnknownFormatError: no reader for this suffix.
         UnreadableFileError: empty, truncated, or not what its suffix says.
+        TooManyPointsError: more points than the limits say.
+        FileTooLargeError: it promises to unpack to more than the limits say.
     """
     read = _find(_READERS, filename, field)
-    file = FileContent(Path(filename).name, data, field)
+    file = FileContent(Path(filename).name, data, field, limits)
     if not data:
         raise file.refuse("the file is empty")
-    return read(file)
+    points = read(file)
+    file.allow_points(len(points))
+    return points
 
 
 def write_points(path: Path, points: FloatArray, field: str = "out") -> None:
@@ -104,12 +122,12 @@ def write_points(path: Path, points: FloatArray, field: str = "out") -> None:
 
 
 def require_known_format(path: Path, field: str) -> None:
-    """Refuse a file whose suffix nobody here can read or write.
+    """Refuse a file whose suffix nobody here can write.
 
     Raises:
-        UnknownFormatError: no reader or writer for this suffix.
+        UnknownFormatError: no writer for this suffix.
     """
-    _find(_READERS, path.name, field)
+    _find(_WRITERS, path.name, field)
 
 
 def _find(table: dict[str, _T], filename: str, field: str) -> _T:

@@ -36,7 +36,7 @@ def read_pcd(file: FileContent) -> FloatArray:
         header = {line[0]: line[1:] for line in lines if line}
         encoding = header["DATA"][0]
         records = _parse_pcd_header(header)
-    except (KeyError, ValueError, IndexError, TypeError) as error:
+    except (KeyError, ValueError, IndexError, TypeError, OverflowError) as error:
         raise file.refuse("the PCD header is broken") from error
     match encoding:
         case "ascii":
@@ -63,9 +63,11 @@ def _parse_pcd_header(header: dict[str, list[str]]) -> Records:
 
 def _points_in_compressed(file: FileContent, records: Records, body: int) -> FloatArray:
     axis_offsets(file, records, width)
+    file.allow_points(records.count)
     sizes = np.frombuffer(file.data[body : body + 8].ljust(8, b"\0"), "<u4").tolist()
     if len(file.data) < body + 8 + sizes[0] or sizes[1] != records.count * records.size:
         raise file.refuse(f"the file is truncated or isn't the {records.count} points it promises")
+    file.allow_bytes(sizes[1])
     import open3d
 
     with tempfile.TemporaryDirectory() as folder, silent_open3d():

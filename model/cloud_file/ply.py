@@ -31,7 +31,7 @@ def read_ply(file: FileContent) -> FloatArray:
     body = file.data.find(b"\n", len(head)) + 1 or len(file.data)
     try:
         order, elements = _parse_ply_header(head.decode("latin-1"))
-    except (KeyError, ValueError, IndexError) as error:
+    except (KeyError, ValueError, IndexError, OverflowError) as error:
         raise file.refuse("the PLY header is broken") from error
     names = [name for name, _ in elements]
     if "vertex" not in names:
@@ -65,3 +65,15 @@ def _parse_ply_header(head: str) -> tuple[str, list[tuple[str, Records]]]:
             case ["property", kind, name]:
                 elements[-1][1].fields.append((name, np.dtype(f"{order}{_PLY_TYPES[kind]}")))
     return order or "", elements
+
+
+def ply_document(points: FloatArray) -> bytes:
+    """Points (N, 3) as a binary PLY file with every digit of float64."""
+    header = [
+        "ply",
+        "format binary_little_endian 1.0",
+        f"element vertex {len(points)}",
+        *(f"property double {axis}" for axis in "xyz"),
+        "end_header",
+    ]
+    return "\n".join([*header, ""]).encode() + points.astype("<f8").tobytes()

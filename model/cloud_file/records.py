@@ -68,6 +68,7 @@ def axis_offsets(
 def points_in_text(file: FileContent, records: Records, rows: list[str]) -> FloatArray:
     """x, y and z (N, 3) of records that are rows of text."""
     columns = axis_offsets(file, records, width)
+    file.allow_points(records.count)
     values = numbers(file, rows[: records.count], columns=None)
     if len(values) < records.count:
         raise truncated(file, records, len(values))
@@ -86,6 +87,7 @@ def points_in_binary(file: FileContent, records: Records, offset: int) -> FloatA
             "itemsize": records.size,
         }
     )
+    file.allow_points(records.count)
     whole = (len(file.data) - offset) // records.size
     if whole < records.count:
         raise truncated(file, records, whole)

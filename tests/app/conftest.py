@@ -16,10 +16,8 @@ from model.cloud_file import write_points
 from model.encoder import build_encoder
 from model.settings import RegistrarSettings
 
-
-@pytest.fixture(scope="session", autouse=True)
-def quiet_log() -> None:
-    structlog.configure(logger_factory=structlog.ReturnLoggerFactory())
+# Before any service is made, for that would write its log to stderr.
+structlog.configure(logger_factory=structlog.ReturnLoggerFactory())
 
 
 @pytest.fixture(scope="session")

@@ -229,14 +229,14 @@ def test_missing_and_misformed_parts_are_named(client: TestClient) -> None:
         broken = client.post(
             "/register", content=b"--x\r\nbroken", headers={"content-type": content_type}
         )
-        assert_problem(broken, 422, "source" if "=" in content_type else "body")
+        assert_problem(broken, 422, "body")
 
 
 @pytest.mark.parametrize("media_type", ["text/plain", "application/x-www-form-urlencoded", ""])
 def test_other_media_types_are_refused(client: TestClient, media_type: str) -> None:
     response = client.post("/register", content=b"x", headers={"content-type": media_type})
-    problem = assert_problem(response, 415, None)
-    assert "application/json" in problem["detail"]
+    problem = assert_problem(response, 415, "Content-Type")
+    assert "application/json" in problem["mend"]
 
 
 def test_many_points_are_read_in_no_time() -> None:
@@ -248,4 +248,4 @@ def test_many_points_are_read_in_no_time() -> None:
         started = time.perf_counter()
         assert post_text(client, body).status_code == 200
         assert time.perf_counter() - started < 3.0
-    assert registrar.asked[0] == cloud["points"]
+    np.testing.assert_array_equal(registrar.asked[0], cloud["points"])

@@ -47,9 +47,9 @@ def test_bad_settings_are_one_line(
 ) -> None:
     assert main(["serve", "--port", "99999"]) == 2
     assert capsys.readouterr().err.startswith("equivalign: port: ")
-    monkeypatch.setenv("EQUIVALIGN_CONCURRENT_REGISTRATIONS", "0")
+    monkeypatch.setenv("EQUIVALIGN_WORKERS", "0")
     assert main(["serve"]) == 2
-    assert capsys.readouterr().err.startswith("equivalign: EQUIVALIGN_CONCURRENT_REGISTRATIONS: ")
+    assert capsys.readouterr().err.startswith("equivalign: EQUIVALIGN_WORKERS: ")
 
 
 def test_a_process_serves_until_it_is_told_to_stop(artifact: Path) -> None:

@@ -41,7 +41,7 @@ def test_probes_before_and_after_readiness() -> None:
             assert response.headers["retry-after"]
         may_load.set()
         wait_until_ready(client)
-        assert client.get("/model").json() == {"name": "fake"}
+        assert client.get("/model").json()["name"] == "fake"
         assert post(client, register_example()).status_code == 200
 
 
@@ -118,7 +118,10 @@ def test_unknown_routes_and_methods_are_problems(client: TestClient) -> None:
 
 
 def test_the_model_is_described(client: TestClient, registrar: Registrar) -> None:
-    assert client.get("/model").json() == json.loads(json.dumps(registrar.summary))
+    told = client.get("/model").json()
+    assert {"points", "body_bytes", "deadline_seconds"} <= told.pop("limits").keys()
+    assert "R p_source + t" in told.pop("conventions")["T_target_source"]
+    assert told == json.loads(json.dumps(registrar.summary))
 
 
 def test_one_log_line_a_request_without_points() -> None:
@@ -173,7 +176,7 @@ def test_harmless_request_ids_are_kept(client: TestClient) -> None:
 def test_the_documented_example_succeeds(client: TestClient) -> None:
     document = client.get("/openapi.json").json()
     content = document["paths"]["/register"]["post"]["requestBody"]["content"]
-    assert content.keys() == {"application/json", "multipart/form-data"}
+    assert content.keys() == {"application/json", "multipart/form-data", "application/x-npz"}
     response = client.post("/register", json=content["application/json"]["example"])
     assert response.status_code == 200
     assert response.json()["diagnostics"]["similarity"] > 0.9
