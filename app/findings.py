@@ -28,7 +28,7 @@ _AS_GOOD = 0.9
 
 def verdict(diagnostics: Diagnostics) -> str:
     """Whether to trust the pose, in one line."""
-    probability: float | None = getattr(diagnostics, "success_probability", None)
+    probability = diagnostics.success_probability
     said = _hints(diagnostics) if probability is None else _likelihood(probability)
     return "; ".join([said, *_alternatives(diagnostics)])
 

@@ -78,9 +78,8 @@ class ServiceMetrics:
         if not diagnostics.converged:
             self.not_converged.inc()
         self.similarity.observe(diagnostics.similarity)
-        probability = getattr(diagnostics, "success_probability", None)
-        if probability is not None:
-            self.success_probability.observe(probability)
+        if diagnostics.success_probability is not None:
+            self.success_probability.observe(diagnostics.success_probability)
 
     def exposition(self) -> bytes:
         """All of them as Prometheus reads them."""

@@ -8,15 +8,10 @@ from collections import OrderedDict
 from collections.abc import Callable
 from dataclasses import dataclass
 from time import monotonic
-from typing import Any
-
-import numpy as np
-import numpy.typing as npt
 
 from app.metrics import ServiceMetrics
 from app.refusals import TargetTooLargeError, UnknownTargetError
-
-FloatArray = npt.NDArray[np.float64]
+from model.pair import PreparedTarget
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,16 +20,12 @@ class KeptTarget:
 
     Attributes:
         target_id: names it.
-        prepared: what the registrar takes as a target.
-        points: (N, 3), in the input's unit.
-        nbytes: memory that it takes, points included.
+        prepared: the target.
         expires_in: seconds until it's forgotten.
     """
 
     target_id: str
-    prepared: Any
-    points: FloatArray
-    nbytes: int
+    prepared: PreparedTarget
     expires_in: float
 
 
@@ -63,12 +54,13 @@ class PreparedTargets:
         # The least recently used first, and so also the first to expire.
         self._kept: OrderedDict[str, tuple[KeptTarget, float]] = OrderedDict()
 
-    def keep(self, prepared: Any, points: FloatArray, nbytes: int) -> KeptTarget:
+    def keep(self, prepared: PreparedTarget) -> KeptTarget:
         """Keep a target under a new id.
 
         Raises:
             TargetTooLargeError: it alone takes more than the memory for all.
         """
+        nbytes = prepared.nbytes
         if nbytes > self._most_bytes:
             raise TargetTooLargeError(
                 "the prepared target is too large to be kept",
@@ -76,7 +68,7 @@ class PreparedTargets:
                 value=f"{nbytes} bytes",
                 mend=f"send fewer points; at most {self._most_bytes} bytes are kept",
             )
-        kept = KeptTarget(secrets.token_urlsafe(16), prepared, points, nbytes, self._seconds)
+        kept = KeptTarget(secrets.token_urlsafe(16), prepared, self._seconds)
         with self._lock:
             self._forget_expired()
             while self._bytes() + nbytes > self._most_bytes:
@@ -127,7 +119,7 @@ class PreparedTargets:
         self._tell()
 
     def _bytes(self) -> int:
-        return sum(kept.nbytes for kept, _ in self._kept.values())
+        return sum(kept.prepared.nbytes for kept, _ in self._kept.values())
 
     def _tell(self) -> None:
         self._metrics.target_bytes.set(self._bytes())

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Any
 
 from app.explanation import explain
 from app.metrics import ServiceMetrics
 from app.prepared_targets import PreparedTargets
 from app.refusals import DeadlineExceededError
-from app.register_request import RegisterInput
-from app.registrar_interface import supported
+from app.register_request import FloatArray, RegisterInput
 from app.schemas import RegisterResponse
 from app.worker_pool import Job
 from model import Registrar
+from model.pair import PreparedTarget
 
 
 def registered(
@@ -33,9 +32,10 @@ def registered(
     """
     options = asked.options
     job.shorten(options.deadline or math.inf)
+    target: FloatArray | PreparedTarget
     if isinstance(asked.target, str):
-        kept = targets.use(asked.target)
-        target, target_points = kept.prepared, kept.points
+        target = targets.use(asked.target).prepared
+        target_points = target.points
     else:
         target = target_points = asked.target
     if options.points is not None:
@@ -47,17 +47,14 @@ def registered(
         max_rotation_deg=options.max_rotation_deg,
         seed=options.seed,
         solver=options.solver,
-        **supported(
-            registrar.register,
-            search=options.search,
-            deadline=job.remaining,
-            cancel=job.cancel,
-            source_labels=asked.source_labels,
-            target_labels=asked.target_labels,
-        ),
+        search=options.search,
+        deadline=job.remaining,
+        cancel=job.cancel,
+        source_labels=asked.source_labels,
+        target_labels=asked.target_labels,
     )
     metrics.registered(result.diagnostics)
-    if getattr(result.diagnostics, "deadline_reached", False):
+    if result.diagnostics.deadline_reached:
         raise DeadlineExceededError(job.deadline, result)
     explanation = (
         explain(registrar, asked.source, target_points, result) if options.explain else None
@@ -68,10 +65,6 @@ def registered(
 def _with_points(registrar: Registrar, points: int) -> Registrar:
     """A registrar of the same artifact that works on another number of points."""
     artifact = registrar.artifact
-    settings: Any = artifact.settings
-    if hasattr(settings, "dense_points"):
-        fewer = {"dense_points": points, "points": min(points, settings.points)}
-    else:
-        fewer = {"points": points}
-    settings = replace(settings, **fewer)
+    searched = min(points, artifact.settings.points)
+    settings = replace(artifact.settings, dense_points=points, points=searched)
     return Registrar(replace(artifact, settings=settings))

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, SkipValidation
 
 from app.explanation import Explanation
-from app.registrar_interface import SOLVERS
 from model import Diagnostics, RegistrationResult
+from model.options import SEARCHES, SOLVERS
 
 _REQUEST = ConfigDict(extra="forbid", strict=True, allow_inf_nan=False)
 
@@ -38,7 +38,7 @@ class RegisterOptions(BaseModel):
         default="global",
         description="global looks everywhere that max_rotation_deg allows; local solves from the "
         "guess (or from no motion) alone, which is quicker.",
-        json_schema_extra={"enum": ["global", "local"]},
+        json_schema_extra={"enum": [*SEARCHES]},
     )
     initial: list[list[float]] | None = Field(
         default=None, description="A guess of T_target_source, 4×4, to search around."

@@ -11,7 +11,7 @@ from scipy.spatial import KDTree
 from torch import nn
 
 from model.normalization import JointFrame
-from model.sampling import reduce_points
+from model.sampling import farthest_point_sample, scattered_subset
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -55,15 +55,17 @@ def matching_arrows(
         The source's arrows and the target's, pair by pair.
     """
     R, t = T_target_source[:3, :3], T_target_source[:3, 3]
-    target = target[reduce_points(target, points, 0)[0]]
-    source = source[reduce_points(source, points, 0)[0]]
     frame = JointFrame.of(target, source)
+    x, z = frame.target(target), frame.source(source)
+    kept_x, kept_z = scattered_subset(x, points, 0), scattered_subset(z, points, 0)
+    target, source = target[kept_x], source[kept_z]
     with torch.no_grad():
         f_source, f_target = (
             encoder(torch.from_numpy(cloud).float()[None])[0].double().numpy()
-            for cloud in (frame.source(source), frame.target(target))
+            for cloud in (z[kept_z], x[kept_x])
         )
-    chosen = reduce_points(target, min(count, len(target)), 0)[0]
+    places = torch.from_numpy(x[kept_x])
+    chosen = farthest_point_sample(places, min(count, len(places)), 0).numpy()
     nearest = KDTree(source @ R.T + t).query(target[chosen])[1]
     f_source, f_target = f_source[nearest], f_target[chosen]
     products = np.einsum("kic,ij,kjc->kc", f_target, R, f_source).mean(axis=0)

@@ -10,7 +10,6 @@ from app.api_description import TARGET_BODY, TARGET_PROBLEMS, WORK_PROBLEMS
 from app.prepared_targets import KeptTarget, PreparedTargets
 from app.reception import Reception
 from app.register_request import REGISTER_MEDIA_TYPES, read_target
-from app.registrar_interface import memory, prepared
 from app.request_body import Body
 from app.schemas import TargetResponse
 from app.worker_pool import Job
@@ -37,9 +36,8 @@ def target_routes(reception: Reception, targets: PreparedTargets, access: Access
 
         def work(registrar: Registrar, body: Body, job: Job) -> Response:
             asked = read_target(body, reception.limits)
-            target = prepared(registrar, asked.points, asked.labels)
-            kept = targets.keep(target, asked.points, memory(target))
-            job.facts.update(points_target=len(asked.points), target_bytes=kept.nbytes)
+            kept = targets.keep(registrar.prepare(asked.points, asked.labels))
+            job.facts.update(points_target=len(asked.points), target_bytes=kept.prepared.nbytes)
             return JSONResponse(_document(kept), 201, {"Location": f"/targets/{kept.target_id}"})
 
         return await reception.answer(request, REGISTER_MEDIA_TYPES, work)
@@ -68,7 +66,7 @@ def target_routes(reception: Reception, targets: PreparedTargets, access: Access
 def _document(kept: KeptTarget) -> dict[str, object]:
     return TargetResponse(
         target_id=kept.target_id,
-        points=len(kept.points),
-        bytes=kept.nbytes,
+        points=len(kept.prepared.points),
+        bytes=kept.prepared.nbytes,
         expires_in=kept.expires_in,
     ).model_dump()

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 import torch
-from scipy.spatial import KDTree
 from scipy.spatial.transform import Rotation
 
+from app.steerable_vectors import matching_arrows
 from model import Registrar
-from model.sampling import reduce_points
 from model.se3 import pose_matrix
 from training.data.pairs import RegistrationPair, pair_of_shape
 from training.data.perturbation import Perturbation
@@ -95,27 +94,14 @@ def separated_pair() -> RegistrationPair:
 def with_vectors(
     registrar: Registrar, source: FloatArray, target: FloatArray, T: FloatArray
 ) -> tuple[Cloud, Cloud]:
-    """Source and target with one of the encoder's vectors at places that correspond.
-
-    Of its channels the one whose vectors agree best is drawn.
-    """
-    encoder = registrar.artifact.encoder()
-    with torch.no_grad():
-        f_source, f_target = (
-            encoder(torch.from_numpy(cloud).float()[None])[0].double().numpy()
-            for cloud in (source, target)
-        )
-    chosen, _ = reduce_points(target, ARROWS, 0)
-    nearest = KDTree(source @ T[:3, :3].T + T[:3, 3]).query(target[chosen])[1]
-    f_source, f_target = f_source[nearest], f_target[chosen]
-    products = np.einsum("kic,ij,kjc->kc", f_target, T[:3, :3], f_source).mean(axis=0)
-    lengths = [np.linalg.norm(f, axis=1) for f in (f_source, f_target)]
-    channel = int((products / (lengths[0] * lengths[1]).mean(axis=0)).argmax())
-    longest = max(length[:, channel].max() for length in lengths)
-    return (
-        Cloud(source, source[nearest], f_source[:, :, channel] / longest),
-        Cloud(target, target[chosen], f_target[:, :, channel] / longest),
+    """Source and target with one of the encoder's vectors at places that correspond."""
+    artifact = registrar.artifact
+    arrows = matching_arrows(
+        artifact.encoder(), source, target, T, artifact.settings.points, ARROWS
     )
+    clouds = zip((source, target), arrows, strict=True)
+    moving, fixed = (Cloud(points, arrow.tails, arrow.vectors) for points, arrow in clouds)
+    return moving, fixed
 
 
 def drawing(source: Cloud, target: Cloud, T: FloatArray, angle: float) -> str:

@@ -25,6 +25,9 @@ class FakeRegistrar:
         if self.failure is not None:
             raise self.failure
         diagnostics = Diagnostics(
+            success_probability=0.9,
+            margin=None,
+            deadline_reached=options.get("deadline", 99.0) < 1.0,
             rkhs_distance=0.0,
             similarity=self.similarity,
             lengthscale=1.0,

@@ -2,7 +2,6 @@
 
 import asyncio
 import json
-import math
 import threading
 import time
 from pathlib import Path
@@ -117,14 +116,7 @@ def test_work_stops_when_the_caller_goes_away() -> None:
 
 
 def test_a_deadline_answers_with_the_best_pose_so_far() -> None:
-    class Late(FakeRegistrar):
-        def register(self, *clouds: object, **options: object) -> RegistrationResult:
-            result = super().register(*clouds, **options)
-            if options.get("deadline", math.inf) > 1.0:
-                return result
-            raise DeadlineExceededError(0.5, result)
-
-    with TestClient(create_app(Late, ServiceSettings(deadline=5.0))) as client:
+    with TestClient(create_app(FakeRegistrar, ServiceSettings(deadline=5.0))) as client:
         wait_until_ready(client)
         answer = post(client, register_example() | {"options": {"deadline": 0.5}})
         problem = assert_problem(answer, 504, "options.deadline")
@@ -132,6 +124,14 @@ def test_a_deadline_answers_with_the_best_pose_so_far() -> None:
         assert "diagnostics" in problem["best_so_far"]
         # Nobody may ask for more time than the operator grants.
         assert post(client, register_example() | {"options": {"deadline": 500}}).status_code == 200
+
+
+def test_the_solver_itself_stops_at_the_deadline(client: TestClient) -> None:
+    started = time.monotonic()
+    answer = post(client, register_example() | {"options": {"deadline": 0.02}})
+    assert time.monotonic() - started < 5.0
+    problem = assert_problem(answer, 504, "options.deadline")
+    assert problem["best_so_far"]["diagnostics"]["converged"] is False
 
 
 def test_jobs_know_what_is_left() -> None:

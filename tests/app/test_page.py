@@ -94,15 +94,16 @@ class Browser:
         return bytes(picture)
 
     def colours(self) -> int:
-        """How many pixels of the view are drawn on."""
-        return int(
-            self.script(
-                "const c = document.getElementById('canvas'), gl = c.getContext('webgl');"
-                "const p = new Uint8Array(4 * c.width * c.height);"
-                "gl.readPixels(0, 0, c.width, c.height, gl.RGBA, gl.UNSIGNED_BYTE, p);"
-                "let n = 0; for (let i = 3; i < p.length; i += 4) n += p[i] > 0; return n;"
-            )
+        """How many pixels of the view are drawn on, once what was asked for is drawn."""
+        count = self.driver.execute_async_script(
+            "const done = arguments[0];"
+            "requestAnimationFrame(() => requestAnimationFrame(() => {"
+            "const c = document.getElementById('canvas'), gl = c.getContext('webgl');"
+            "const p = new Uint8Array(4 * c.width * c.height);"
+            "gl.readPixels(0, 0, c.width, c.height, gl.RGBA, gl.UNSIGNED_BYTE, p);"
+            "let n = 0; for (let i = 3; i < p.length; i += 4) n += p[i] > 0; done(n); }));"
         )
+        return int(count)
 
 
 @pytest.fixture(scope="module")
