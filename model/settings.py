@@ -37,7 +37,7 @@ class RegistrarSettings:
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
     surface: SurfaceLoop = field(default_factory=SurfaceLoop)
-    surface_features: bool = True
+    surface_features: bool = False
     procrustes: ProcrustesLoop = field(
         default_factory=lambda: ProcrustesLoop(lengthscale=0.05, lengthscale_end=0.02)
     )

@@ -3,21 +3,28 @@ from __future__ import annotations
 import dataclasses
 import math
 
+import numpy as np
 import pytest
 import torch
 
 from model.cloud_function import CloudFunction
 from model.encoder import build_encoder
-from model.inner_loop.near_objective import NearPairs
 from model.inner_loop.procrustes import procrustes_step
 from model.kernel import RkhsKernel
 from model.kernel.moments import PoseMoments
 from model.se3 import pose_matrix, rotation_angle
-from model.search import Hypotheses, HypothesisSettings, hypothesise, selection_score, within
+from model.search import Hypotheses, HypothesisSettings, hypothesise, within
+from model.search.consensus import (
+    ConsensusSettings,
+    MatchedPoints,
+    fitted,
+    support_of,
+)
+from model.search.consensus import consensus as triplet_consensus
 from model.search.field_steps import field_score, field_step
 from model.search.hypotheses import KINDS, distinct
 from model.search.kernel_field import KernelField
-from model.search.matching import matched_poses
+from model.search.matching import matched_points, matched_poses
 from model.search.so3_grid import so3_grid
 from model.search.voting import consensus, support
 
@@ -89,11 +96,12 @@ def encoded(points):
 def test_hypotheses_start_with_the_callers_and_stay_in_reach(cloud, pose):
     x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
     T = pose(0, 120.0).float()
-    start = hypothesise(x, z, T, 30.0, HypothesisSettings(grid_step_deg=15.0))
+    settings = HypothesisSettings(grid_step_deg=15.0, grid_below=1e9)
+    start = hypothesise(x, z, 1, 0.2, T, 30.0, settings, 0).hypotheses
     assert KINDS[int(start.kind[0])] == "initial"
     assert torch.equal(start.T_target_source[0], T)
     assert bool(within(start, T[:3, :3], 30.01).all())
-    free = hypothesise(x, z, None, 180.0, HypothesisSettings())
+    free = hypothesise(x, z, 1, 0.2, None, 180.0, HypothesisSettings(), 0).hypotheses
     assert KINDS[int(free.kind[0])] == "identity"
     assert torch.allclose(free.T_target_source[0], torch.eye(4), atol=1e-6)
 
@@ -107,38 +115,6 @@ def test_duplicates_are_merged_best_first():
     shifted = T.clone()
     shifted[3:, 0, 3] = 0.5
     assert len(distinct(shifted, score, 10, 5.0, 0.1)) == 6
-
-
-def test_selection_prefers_a_tight_partial_fit_to_a_loose_full_one():
-    generator = torch.Generator().manual_seed(0)
-    target = torch.rand(400, 3, generator=generator) * torch.tensor([1.0, 1.0, 0.0])
-    tight = target[target[:, 0] > 0.45]
-    source = torch.cat([tight, tight + torch.tensor([0.0, 0.0, 2.0])])
-    # Halfway between both sheets, everything is near the target but nothing fits.
-    kernel = RkhsKernel("none")
-    T = torch.eye(4).repeat(2, 1, 1)
-    source[len(tight) :, 2] = 0.12
-    T[1, 2, 3] = -0.06
-    x, z = CloudFunction.of(target[None]), CloudFunction.of(source[None])
-    pairs = NearPairs.at(kernel, x, z, T, reach=0.4, most=400)
-    raw = pairs.mass(T, torch.full((2,), 0.08))
-    assert raw[1] > raw[0]
-    nobody = torch.zeros(2)
-    score = selection_score(pairs, T, nobody)
-    assert score[0] > score[1]
-    assert selection_score(pairs, T, torch.tensor([0.0, 1e6])).argmax() == 1
-
-
-def test_a_pose_whose_features_turn_against_the_target_never_wins(cloud):
-    x = encoded(cloud(1, 200))
-    strong = CloudFunction.of(x.points, 3.0 * x.features)
-    against = CloudFunction.of(x.points, -3.0 * x.features)
-    kernel, T = RkhsKernel("tanh"), torch.eye(4)[None]
-    scores = [
-        selection_score(NearPairs.at(kernel, strong, z, T, 0.18, 24), T, torch.zeros(1))
-        for z in (strong, against)
-    ]
-    assert scores[1].item() == 0.0 < scores[0].item()
 
 
 def test_matched_features_name_the_pose(cloud, pose):
@@ -167,14 +143,61 @@ def test_agreeing_matches_vouch_for_a_pose_and_their_mean_is_better(pose):
     assert support(T, voters[:0]).item() == 0.0
 
 
-@pytest.mark.parametrize("off", ["matches", "grid_step_deg", "identity"])
+def test_few_right_matches_among_many_wrong_ones_name_the_pose(pose):
+    rng = np.random.default_rng(0)
+    T = pose(1, 150.0, shift=0.2).numpy()
+    z = rng.normal(size=(200, 3)) * 0.4
+    x = z @ T[:3, :3].T + T[:3, 3] + rng.normal(size=z.shape) * 0.02
+    x[30:] = rng.permutation(x[30:])
+    found = triplet_consensus(MatchedPoints(x, z), 0.1, ConsensusSettings(), seed=0)
+    best = torch.from_numpy(found.T_target_source[0])
+    assert rotation_angle(best[:3, :3], torch.from_numpy(T[:3, :3])).rad2deg() < 3.0
+    assert found.support[0] > 20
+    assert (np.diff(found.support) <= 0).all()
+    again = triplet_consensus(MatchedPoints(x, z), 0.1, ConsensusSettings(), seed=0)
+    np.testing.assert_array_equal(found.T_target_source, again.T_target_source)
+
+
+def test_poses_are_fitted_to_the_matches_that_agree(pose):
+    rng = np.random.default_rng(1)
+    T = pose(3, 80.0).numpy()
+    z = rng.normal(size=(100, 3)) * 0.4
+    matches = MatchedPoints(z @ T[:3, :3].T + T[:3, 3], z)
+    near = pose(4, 8.0, shift=0.03).numpy() @ T
+    closer = fitted(near[None], matches, 0.1, ConsensusSettings())
+    np.testing.assert_allclose(closer[0], T, atol=0.02)
+    before, after = support_of(np.stack([near, closer[0]]), matches, 0.08)
+    assert after > before
+    assert support_of(T[None], MatchedPoints(z[:0], z[:0]), 0.1).tolist() == [0.0]
+
+
+def test_groups_of_channels_are_matched_each_by_itself(cloud):
+    x = encoded(cloud(1) - cloud(1).mean(0))
+    one, two = matched_points(x, x, 1), matched_points(x, x, 2)
+    np.testing.assert_array_equal(one.x, one.z)
+    assert len(two.x) > 1.8 * len(one.x)
+    assert len(matched_points(x, x, 0).x) == 0
+
+
+def test_too_few_matches_give_no_pose():
+    none = np.zeros((2, 3))
+    found = triplet_consensus(MatchedPoints(none, none), 0.1, ConsensusSettings(), seed=0)
+    assert (len(found.T_target_source), found.tried) == (0, 0)
+    same = np.zeros((9, 3))
+    found = triplet_consensus(MatchedPoints(same, same), 0.1, ConsensusSettings(), seed=0)
+    assert len(found.T_target_source) == 0
+
+
+@pytest.mark.parametrize("off", ["matches", "triplets", "grid_step_deg", "identity"])
 def test_each_source_of_hypotheses_can_be_switched_off(off, cloud):
     x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
-    kind = {"matches": "matched", "grid_step_deg": "grid", "identity": "identity"}[off]
-    every = hypothesise(x, z, torch.eye(4), 180.0, HypothesisSettings())
-    without = hypothesise(
-        x, z, torch.eye(4), 180.0, dataclasses.replace(HypothesisSettings(), **{off: 0})
-    )
+    kinds = {"matches": "matched", "triplets": "consensus", "grid_step_deg": "grid"}
+    kind = kinds.get(off, off)
+    settings = HypothesisSettings(grid_below=1e9)
+    guess = torch.eye(4)
+    every = hypothesise(x, z, 1, 0.2, guess, 180.0, settings, 0).hypotheses
+    fewer = dataclasses.replace(settings, **{off: 0})
+    without = hypothesise(x, z, 1, 0.2, guess, 180.0, fewer, 0).hypotheses
     assert bool(every.of(kind).any())
     assert not bool(without.of(kind).any())
 

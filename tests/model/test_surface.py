@@ -1,0 +1,191 @@
+"""The compiled surface kernel against a plain double sum, and what its solver promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pypose as pp
+import pytest
+import torch
+
+from model.surface import (
+    SurfaceCloud,
+    SurfaceCurvature,
+    SurfaceLoop,
+    descend,
+    surface_moments,
+    surface_spacing,
+)
+from model.surface.cells import cells_of, runs_around
+from model.surface.curvature import pull_spread
+from model.surface.descent import retracted
+from model.surface.meeting import Meeting
+
+ELL, ACROSS, FAR = 0.3, 0.15, 9.0
+
+
+def never() -> bool:
+    return False
+
+
+def ellipsoid(n: int, seed: int, noise: float = 0.0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(n, 3))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    x[:, 0] += 0.3 * (x[:, 1] > 0.4) * x[:, 1]
+    return x * np.array([1.0, 0.7, 0.5]) + noise * rng.normal(size=(n, 3))
+
+
+def small_pose(seed: int = 0, size: float = 0.1) -> np.ndarray:
+    delta = torch.randn(6, generator=torch.Generator().manual_seed(seed), dtype=torch.float64)
+    return pp.se3(size * delta).Exp().matrix().numpy()
+
+
+@pytest.fixture
+def clouds() -> tuple[SurfaceCloud, SurfaceCloud]:
+    """With features and labels, so that every factor of the kernel counts."""
+    rng = np.random.default_rng(5)
+    made = []
+    for n, seed in ((160, 0), (140, 1)):
+        features = 0.3 * rng.normal(size=(n, 3, 5)).astype(np.float32)
+        labels = rng.uniform(0.5, 1.5, size=(n, 2))
+        weights = rng.uniform(0.5, 1.5, size=n)
+        made.append(SurfaceCloud.of(ellipsoid(n, seed), features, labels, weights))
+    return made[0], made[1]
+
+
+def exponential(delta: torch.Tensor) -> torch.Tensor:
+    """Exp(δ) with all its derivatives at 0."""
+    zero = torch.zeros((), dtype=delta.dtype)
+    x, y, z, a, b, c = delta
+    rows = [(zero, -c, b, x), (c, zero, -a, y), (-b, a, zero, z), (zero, zero, zero, zero)]
+    return torch.linalg.matrix_exp(torch.stack([torch.stack(row) for row in rows]))
+
+
+def plain_sum(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray, delta: torch.Tensor):
+    """S(Exp(δ) T) as it is written, with a graph to δ."""
+    x, n, f, c, a = (torch.from_numpy(array).double() for array in target.arrays)
+    z, m, g, e, b = (torch.from_numpy(array).double() for array in source.arrays)
+    h = exponential(delta) @ torch.from_numpy(T)
+    R, y = h[:3, :3], z @ h[:3, :3].T + h[:3, 3]
+    m, g = m @ R.T, R @ g.reshape(len(g), 3, -1)
+    d = x[:, None] - y
+    iso = d.square().sum(-1) / ELL**2
+    stiff = 1.0 / ACROSS**2 - 1.0 / ELL**2
+    seen = [(normal * d).sum(-1).square() * stiff for normal in (n[:, None], m[None])]
+    metric = sum(0.5 * torch.exp(-0.5 * (iso + across)) for across in seen)
+    likeness = (n @ m.T).square()
+    kappa = torch.tanh(1.0 + torch.einsum("ndc,mdc->nm", f.reshape(len(f), 3, -1), g))
+    counts = (c @ e.T) * a[:, None] * b * (likeness >= 1e-4)
+    return (counts * kappa * likeness * metric).sum()
+
+
+def moments(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray):
+    view = target.at(FAR)
+    return surface_moments(view.cells, view.arrays, source.arrays, T, ELL, ACROSS, FAR)
+
+
+def test_compiled_sums_equal_the_plain_double_sum_and_its_gradient(clouds):
+    T = small_pose()
+    delta = torch.zeros(6, dtype=torch.float64, requires_grad=True)
+    value = plain_sum(*clouds, T, delta)
+    (gradient,) = torch.autograd.grad(value, delta)
+    found = moments(*clouds, T)
+    assert found.value == pytest.approx(value.item(), rel=1e-6)
+    np.testing.assert_allclose(found.gradient, gradient.numpy(), rtol=1e-5, atol=1e-3)
+
+
+def test_hessian_equals_that_of_the_plain_sum(clouds):
+    T = small_pose(2)
+    plain = torch.autograd.functional.hessian(
+        lambda delta: plain_sum(*clouds, T, delta), torch.zeros(6, dtype=torch.float64)
+    )
+    view = clouds[0].at(FAR)
+    found = SurfaceCurvature.of(view, clouds[1].arrays, T, ELL, ACROSS, FAR).hessian
+    # The derivative of a gradient taken at a moved pose differs from the Hessian by a commutator
+    # of the gradient, which symmetrising takes out.
+    np.testing.assert_allclose(found, plain.numpy(), rtol=2e-3, atol=2e-3 * np.abs(found).max())
+
+
+def test_swapping_the_clouds_inverts_the_pose(clouds):
+    T = small_pose(3)
+    there = moments(clouds[0], clouds[1], T).value
+    back = moments(clouds[1], clouds[0], np.linalg.inv(T)).value
+    assert there == pytest.approx(back, rel=1e-9)
+
+
+def test_retraction_is_the_exponential_of_the_motion():
+    delta = np.array([0.1, -0.2, 0.3, 0.5, -0.4, 0.2])
+    T = small_pose(4, 0.5)
+    expected = pp.se3(torch.from_numpy(delta)).Exp().matrix().numpy() @ T
+    np.testing.assert_allclose(retracted(T, delta), expected, atol=1e-12)
+    np.testing.assert_allclose(retracted(T, np.zeros(6)), T, atol=0)
+
+
+def test_no_step_lowers_the_sum(clouds):
+    T, values = small_pose(5, 0.2), []
+    view = clouds[0].at(FAR)
+    for _ in range(10):
+        T, value, _ = descend(view.cells, view.arrays, clouds[1].arrays, T, ELL, ACROSS, 1, 1e-9)
+        values.append(value)
+    assert (np.diff(values) >= -1e-9).all()
+    assert values[-1] > values[0]
+
+
+@pytest.mark.parametrize("angle", [0.03, 0.08])
+def test_shared_points_are_registered_exactly_and_samples_closely(angle):
+    x = ellipsoid(900, 0)
+    target = SurfaceCloud.of(x)
+    T = small_pose(6, angle)
+    for source, limit in ((SurfaceCloud.of(x), 1e-6), (SurfaceCloud.of(ellipsoid(900, 1)), 0.02)):
+        found = SurfaceLoop().solve(target, source, T, never)
+        assert np.abs(found.T_target_source - np.eye(4)).max() < limit
+        assert found.converged
+        assert found.lengthscale <= 0.9 * target.spacing * 1.1
+
+
+def test_stopped_before_the_first_step_it_answers_with_the_start():
+    cloud = SurfaceCloud.of(ellipsoid(300, 0))
+    T = small_pose(7)
+    found = SurfaceLoop().solve(cloud, cloud, T, lambda: True)
+    np.testing.assert_array_equal(found.T_target_source, T)
+    assert not found.converged
+
+
+def test_the_spread_of_pulls_is_that_of_single_pairs(clouds):
+    view = clouds[0].at(FAR)
+    spread = pull_spread(view, clouds[1].arrays, small_pose(8), ELL, ACROSS, FAR)
+    assert (np.linalg.eigvalsh(spread) > 0).all()
+
+
+def test_spacing_is_the_edge_of_a_points_share_of_the_surface():
+    rng = np.random.default_rng(0)
+    square = np.concatenate([rng.uniform(size=(4000, 2)), np.zeros((4000, 1))], 1)
+    assert surface_spacing(square) == pytest.approx(1.0 / np.sqrt(4000), rel=0.1)
+
+
+def test_normals_stand_on_the_surface():
+    rng = np.random.default_rng(1)
+    square = np.concatenate([rng.uniform(size=(500, 2)), 0.001 * rng.normal(size=(500, 1))], 1)
+    normals = SurfaceCloud.of(square).arrays.normals
+    assert np.median(np.abs(normals[:, 2])) > 0.99
+
+
+def test_cells_hold_every_point_once_and_find_all_that_are_near():
+    x = ellipsoid(400, 2)
+    cells = cells_of(x, 0.2)
+    assert sorted(cells.order.tolist()) == list(range(400))
+    np.testing.assert_array_equal(cells.points, x[cells.order])
+    runs = np.empty((9, 2), np.int64)
+    for y in (*x[:20], np.array([50.0, 0.0, 0.0])):
+        count = runs_around(cells, y[0], y[1], y[2], runs)
+        rows = np.concatenate([np.arange(*run) for run in runs[:count]] or [np.zeros(0, int)])
+        near = np.flatnonzero(np.linalg.norm(x - y, axis=1) <= 0.2)
+        assert set(near.tolist()) <= set(cells.order[rows].tolist())
+
+
+def test_clouds_far_apart_do_not_meet():
+    x, y = SurfaceCloud.of(ellipsoid(200, 0)), SurfaceCloud.of(ellipsoid(200, 1))
+    assert Meeting.of(x, y, np.eye(4)) is not None
+    away = np.eye(4)
+    away[:3, 3] = 40.0
+    assert Meeting.of(x, y, away) is None
