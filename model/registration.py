@@ -199,6 +199,8 @@ class Registrar:
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
         best = candidates.hypotheses.T_target_source[0].double().numpy()
         solved = stage.solve(pair.target, pair.source, best, options.deadline.passed)
+        if not start.allows(solved.T_target_source, options.max_rotation_deg):
+            solved = stage.solve(pair.target, pair.source, best, always)
         guess = pair.initial(options.initial)
         if guess is not None:
             both = np.stack([solved.T_target_source, guess.numpy()])

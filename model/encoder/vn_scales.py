@@ -11,6 +11,11 @@ from torch import Tensor, nn
 from model.encoder.vn_graph import VNGraph
 from model.exceptions import InvalidOptionError
 
+_WIDE_AND_SMALL: tuple[Mapping[str, Any], ...] = (
+    {"profile": "gaussian", "radii": (0.08, 0.16, 0.32)},
+    {"profile": "compact", "radii": (0.15, 0.3, 0.5)},
+)
+
 
 class VNScales(nn.Module):
     """Several ``VNGraph``s side by side; the features are their channels one after another.
@@ -27,7 +32,9 @@ class VNScales(nn.Module):
         InvalidOptionError: no scale, or scales of different ``channels_out``.
     """
 
-    def __init__(self, scales: Sequence[Mapping[str, Any]], **common: Any) -> None:
+    def __init__(
+        self, scales: Sequence[Mapping[str, Any]] = _WIDE_AND_SMALL, **common: Any
+    ) -> None:
         super().__init__()
         graphs = [VNGraph(**{**common, **scale}) for scale in scales]
         widths = {graph.channels_out for graph in graphs}

@@ -12,7 +12,7 @@ import torch
 from model.sampling import scattered_subset
 from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
-from model.search.hypothesise import Start
+from model.search.hypothesise import ROTATION_SLACK_DEG, Start
 from model.surface import REACH, SurfaceCloud, descend
 from model.verification.evidence import Evidence
 
@@ -22,8 +22,6 @@ Stop = Callable[[], bool]
 
 _TOLERANCE = 1e-4
 _SUPPORT_REACH = 0.8
-# Refinement may turn a pose a little past the allowed rotation without being another answer.
-_ROTATION_SLACK_DEG = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +95,7 @@ def refine(
         source: M points.
         settings: of the search.
         judge: scores evidence; see Verifier.
-        max_rotation_deg: from the first hypothesis; a pose beyond is refused, unless all are.
+        max_rotation_deg: from the first hypothesis; a pose beyond is refused.
         seed: chooses the source points.
         stop: asked between candidates; those that weren't reached stay as they were.
     """
@@ -126,9 +124,9 @@ def refine(
             )[0]
     refined = hypotheses.moved_to(torch.from_numpy(T).float())
     centre = start.hypotheses.T_target_source[0]
-    allowed = within(refined, centre[:3, :3], max_rotation_deg + _ROTATION_SLACK_DEG)
-    if bool(allowed.any()):
-        refined = refined.select(allowed)
+    allowed = within(refined, centre[:3, :3], max_rotation_deg + ROTATION_SLACK_DEG)
+    # Where all have turned too far, the start poses stand as they were: they are within.
+    refined = refined.select(allowed) if bool(allowed.any()) else start.hypotheses
     if start.hypotheses.kind[0] == KINDS.index("initial"):
         # The guess itself stays a candidate.
         refined = Hypotheses.joined([start.hypotheses.select(torch.tensor([0])), refined])

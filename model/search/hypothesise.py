@@ -6,15 +6,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.se3 import rotation_angle
 from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted, support_of
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
 from model.search.voting import voted_poses
+
+FloatArray = npt.NDArray[np.float64]
+
+# Refinement may turn a pose a little past the allowed rotation without being another answer.
+ROTATION_SLACK_DEG = 1.0
 
 
 def _grid_levels() -> list[GridLevel]:
@@ -61,6 +68,12 @@ class Start:
     hypotheses: Hypotheses
     matches: MatchedPoints
     tried: int
+
+    def allows(self, T: FloatArray, max_rotation_deg: float) -> bool:
+        """Whether T (4, 4) turns no farther from the guess, or from no motion, than that."""
+        R = torch.from_numpy(T[None, :3, :3]).float()
+        angle = rotation_angle(R, self.hypotheses.T_target_source[:1, :3, :3])
+        return bool(angle.rad2deg() <= max_rotation_deg + ROTATION_SLACK_DEG)
 
 
 def hypothesise(
@@ -124,7 +137,7 @@ def hypothesise(
     return Start(every.select(allowed), matches, tried)
 
 
-def _of_features(kind: str, T: np.ndarray) -> Hypotheses:
+def _of_features(kind: str, T: FloatArray) -> Hypotheses:
     return Hypotheses.of_kind(kind, torch.from_numpy(T).float())
 
 

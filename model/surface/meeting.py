@@ -13,6 +13,7 @@ from model.surface.moments import SurfaceArrays
 
 # Points farther apart than this many spacings don't meet.
 _NEAR = 1.2
+# As many points must meet for a median to mean anything, or a third of a tiny cloud.
 _FEWEST = 20
 
 
@@ -35,7 +36,7 @@ class Meeting:
         view = target.at(reach)
         distance, height = nearest(view.cells, view.arrays, source.arrays, T, reach)
         near = distance < reach
-        if int(near.sum()) < _FEWEST:
+        if int(near.sum()) < max(3, min(_FEWEST, len(near) // 3)):
             return None
         return cls(float(np.median(distance[near])), float(np.median(height[near])))
 

@@ -64,7 +64,7 @@ def test_what_is_saved_is_loaded(artifact, directory, cloud):
 
 def test_the_shipped_artifact_loads_and_names_its_training():
     summary = Registrar.load().summary
-    assert summary["encoder"]["name"] == "vn_graph"
+    assert summary["encoder"]["name"] == "vn_scales"
     assert summary["training"]["transforms_used"]
     assert "none" in summary["training"]["pose_labels"]
 

@@ -13,7 +13,7 @@ from model.encoder import build_encoder
 from model.inner_loop.near_objective import NearPairs
 from model.kernel import FEATURE_KERNELS, RkhsKernel
 from model.se3 import inverse, pose_log, retract, rotation_angle
-from model.uncertainty import Uncertainty
+from model.uncertainty import Uncertainty, pull_spread
 
 ELL = torch.tensor([0.06], dtype=torch.float64)
 
@@ -72,6 +72,12 @@ def test_newton_never_lowers_the_inner_product(cloud, pose):
         assert after >= before
 
 
+def sandwich(pairs: NearPairs, targets: int, T: torch.Tensor, ell: torch.Tensor) -> Uncertainty:
+    curvature = PoseCurvature.of(pairs.double(), T.double(), ell.double())
+    spread = pull_spread(curvature.per_pair, pairs.index[0], targets)
+    return Uncertainty.sandwich(-curvature.hessian.numpy(), spread.numpy())
+
+
 def test_the_covariance_is_that_of_the_errors(shapes):
     """Over 200 noisy draws of both clouds the normalised error squared has mean 6."""
     generator = torch.Generator().manual_seed(0)
@@ -87,7 +93,7 @@ def test_the_covariance_is_that_of_the_errors(shapes):
         )
         pairs = NearPairs.at(kernel, x, z, torch.eye(4)[None], 0.25, 64)
         T, _ = newton_polish(pairs, torch.eye(4)[None], ell)
-        uncertainty = Uncertainty.of(pairs, 500, T, ell, 1.0)
+        uncertainty = sandwich(pairs, 500, T, ell)
         error = pose_log(inverse(T))[0].numpy()
         squared.append(float(error @ uncertainty.information @ error))
     assert 4.5 <= np.mean(squared) <= 7.5
@@ -133,7 +139,8 @@ def test_an_irregular_shape_has_no_degenerate_direction(cloud):
 def test_covariance_and_information_are_inverse_and_in_the_inputs_unit(cloud):
     x, z = encoded(cloud(5)), encoded(cloud(5, part=1))
     pairs, T, ell = near(x, z), torch.eye(4)[None], torch.tensor([0.06])
-    metres, millimetres = (Uncertainty.of(pairs, 512, T, ell, s) for s in (1.0, 1000.0))
+    metres = sandwich(pairs, 512, T, ell)
+    millimetres = metres.in_unit(1000.0)
     assert np.linalg.eigvalsh(metres.covariance).min() > 0
     np.testing.assert_allclose(metres.covariance @ metres.information, np.eye(6), atol=1e-5)
     np.testing.assert_allclose(

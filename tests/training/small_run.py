@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -33,7 +34,16 @@ def small(config: Path) -> list[str]:
             arguments += [f"--data.perturbation.{cloud}", "[80, 100]"]
     if "points" in data:
         arguments += ["--data.points", "100"]
+    if "parts" in data:
+        arguments += ["--data.parts", json.dumps([_smaller(part) for part in data["parts"]])]
     return arguments
+
+
+def _smaller(part: dict[str, Any]) -> dict[str, Any]:
+    """A part of a mixture with clouds of about 100 points."""
+    options = part["init_args"]
+    few = {"target_points": [80, 100], "source_points": [80, 100]}
+    return {**part, "init_args": {**options, "perturbation": {**options["perturbation"], **few}}}
 
 
 class KillAt(Callback):
