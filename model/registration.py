@@ -23,7 +23,7 @@ from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
 from model.search import Candidates, Start, evidence_at, hypothesise, refine
 from model.stopwatch import Stopwatch
-from model.verification import surface_agreement
+from model.verification import Examination, surface_agreement
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -115,6 +115,34 @@ class Registrar:
         stopwatch.lap("diagnose")
         return self._result(pair, found, stopwatch)
 
+    def examine(self, source: npt.ArrayLike, target: npt.ArrayLike, seed: int = 0) -> Examination:
+        """Register, and show all that the judge saw; a verifier is fitted on this.
+
+        Args:
+            source: (M, 3).
+            target: (N, 3).
+            seed: of random draws.
+
+        Raises:
+            InvalidCloudError: a cloud that has no pose.
+        """
+        options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
+        pair = self._encode(GivenPair.checked(source, target, None, None), options)
+        start = self._hypothesise(pair, options)
+        candidates = self._search(pair, start, options)
+        T = self._solve(pair, start, candidates, options).T_target_source
+        evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
+        log_odds = float(self._judge(evidence)[0])
+        others = candidates.score[1:]
+        return Examination(
+            np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
+            candidates.evidence.values,
+            pair.frame.pose_out(T),
+            evidence.values[0],
+            log_odds,
+            log_odds - float(others.max()) if len(others) else None,
+        )
+
     def prepare(
         self,
         target: npt.ArrayLike,
@@ -197,7 +225,7 @@ class Registrar:
     def _solve(self, pair: Pair, start: Start, candidates: Candidates, options: Options) -> Solved:
         """Solve from the best candidate; the caller's guess stands where it is judged better."""
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
-        best = candidates.hypotheses.T_target_source[0].double().numpy()
+        best = candidates.poses[0]
         solved = stage.solve(pair.target, pair.source, best, options.deadline.passed)
         if not start.allows(solved.T_target_source, options.max_rotation_deg):
             solved = stage.solve(pair.target, pair.source, best, always)

@@ -76,6 +76,12 @@ class Candidates:
     evidence: Evidence
     score: FloatArray
 
+    @property
+    def poses(self) -> FloatArray:
+        """(K, 4, 4) in float64."""
+        T: FloatArray = self.hypotheses.T_target_source.double().numpy()
+        return T
+
 
 def refine(
     start: Start,

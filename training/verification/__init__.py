@@ -1,0 +1,1 @@
+"""Fitting the verifier of an artifact on pairs that the data pipeline makes."""
