@@ -19,7 +19,7 @@ from model.se3 import rotation_angle
 from model.search import KINDS, Candidates, Start, evidence_at
 from model.surface import SurfaceCloud
 from model.surface.meeting import nearest
-from model.verification import Evidence, Verifier, surface_agreement
+from model.verification import Evidence, Judge, SurfaceAgreement, Verifier
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -28,6 +28,8 @@ _INLIER_SPACINGS = 1.0
 _UNIT_RATIO = 10.0
 _ENOUGH_SHARED = 50
 _RUNNER_UPS = 5
+# A candidate nearer to the answer than this is the answer.
+_SAME_ANGLE_DEG, _SAME_SPACINGS = 5.0, 1.0
 # A runner-up whose ρ is this much of the answer's makes the answer ambiguous.
 _AMBIGUOUS = 0.9
 # ρ at a fine ℓ is low for any two samplings: only next to nothing is a sign of a wrong pose.
@@ -112,7 +114,7 @@ def diagnose(
         "degenerate_directions": degenerate,
         "runner_ups": others,
         "hypotheses": start.tried,
-        "won_by": KINDS[int(candidates.hypotheses.kind[0])],
+        "won_by": _won_by(candidates, T),
         "solver": options.solver,
         "points_source": len(pair.source.dense.arrays.points),
         "points_target": len(pair.target.dense.arrays.points),
@@ -123,8 +125,8 @@ def diagnose(
 
 
 def _log_odds(verifier: Verifier | None, evidence: Evidence) -> float:
-    judge = surface_agreement if verifier is None else verifier.log_odds
-    return float(judge(evidence)[0])
+    judge: Judge = verifier or SurfaceAgreement()
+    return float(judge.log_odds(evidence)[0])
 
 
 @dataclass(frozen=True, slots=True)
@@ -170,8 +172,10 @@ class Overlap:
 def _runner_ups(pair: Pair, candidates: Candidates, solved: Solved) -> list[RunnerUp]:
     """The candidates that lost, with their ρ, best first."""
     T = candidates.hypotheses.T_target_source.double()
-    answer = torch.from_numpy(solved.T_target_source[:3, :3])
-    angle = rotation_angle(T[:, :3, :3], answer).rad2deg()
+    answer = torch.from_numpy(solved.T_target_source)
+    angle = rotation_angle(T[:, :3, :3], answer[:3, :3]).rad2deg()
+    away = (T[:, :3, 3] - answer[:3, 3]).norm(dim=-1)
+    others = torch.nonzero((angle > _SAME_ANGLE_DEG) | (away > _SAME_SPACINGS * pair.spacing))
     return [
         RunnerUp(
             T_target_source=pair.frame.pose_out(T[k].numpy()).tolist(),
@@ -179,8 +183,14 @@ def _runner_ups(pair: Pair, candidates: Candidates, solved: Solved) -> list[Runn
             rotation_from_answer_deg=angle[k].item(),
             log_odds=float(candidates.score[k]),
         )
-        for k in range(1, min(len(T), 1 + _RUNNER_UPS))
+        for k in others[:_RUNNER_UPS, 0].tolist()
     ]
+
+
+def _won_by(candidates: Candidates, T: FloatArray) -> str:
+    """Where the candidate that is nearest to the answer came from."""
+    chord = np.linalg.norm(candidates.poses - T, axis=(1, 2))
+    return KINDS[int(candidates.hypotheses.kind[int(chord.argmin())])]
 
 
 def _ambiguity(similarity: float, degenerate: list[str], others: list[RunnerUp]) -> list[str]:

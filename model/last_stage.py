@@ -18,7 +18,7 @@ from model.kernel import InnerProducts, RkhsKernel
 from model.prepared_cloud import PreparedCloud
 from model.se3 import rigid
 from model.settings import RegistrarSettings
-from model.surface import SurfaceLoop, surface_products
+from model.surface import SurfaceLoop, surface_product
 from model.uncertainty import Uncertainty, pull_spread
 
 FloatArray = npt.NDArray[np.float64]
@@ -86,7 +86,8 @@ class SurfaceStage:
         own = found.products
 
         def similarity_at(T_other: FloatArray) -> float:
-            cross = surface_products(x, z, T_other, found.lengthscale, found.across).cross
+            value = surface_product(x, z, T_other, found.lengthscale, found.across)
+            cross = torch.full_like(own.target, value)
             return InnerProducts(own.target, own.source, cross).similarity.item()
 
         return Solved(

@@ -21,9 +21,9 @@ from model.options import Options
 from model.pair import GivenPair, Pair, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import Candidates, Start, evidence_at, hypothesise, refine
+from model.search import Candidates, Start, evidence_at, grid_start, hypothesise, refine
 from model.stopwatch import Stopwatch
-from model.verification import Examination, surface_agreement
+from model.verification import Examination, Judge, SurfaceAgreement
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -40,7 +40,7 @@ class Registrar:
         self._encoder = artifact.encoder().requires_grad_(False)
         self._groups = int(getattr(self._encoder, "groups", 1))
         self._kernel = RkhsKernel(artifact.kernel)
-        self._judge = surface_agreement if artifact.verifier is None else artifact.verifier.log_odds
+        self._judge: Judge = artifact.verifier or SurfaceAgreement()
 
     @classmethod
     def load(cls, artifact: Path | str | None = None) -> Registrar:
@@ -107,7 +107,7 @@ class Registrar:
         stopwatch.lap("encode")
         start = self._hypothesise(pair, options)
         stopwatch.lap("hypothesise")
-        candidates = self._search(pair, start, options)
+        start, candidates = self._search(pair, start, options)
         stopwatch.lap("search")
         solved = self._solve(pair, start, candidates, options)
         stopwatch.lap("solve")
@@ -129,10 +129,10 @@ class Registrar:
         options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
         pair = self._encode(GivenPair.checked(source, target, None, None), options)
         start = self._hypothesise(pair, options)
-        candidates = self._search(pair, start, options)
+        start, candidates = self._search(pair, start, options)
         T = self._solve(pair, start, candidates, options).T_target_source
         evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
-        log_odds = float(self._judge(evidence)[0])
+        log_odds = float(self._judge.log_odds(evidence)[0])
         others = candidates.score[1:]
         return Examination(
             np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
@@ -210,7 +210,24 @@ class Registrar:
             options.seed,
         )
 
-    def _search(self, pair: Pair, start: Start, options: Options) -> Candidates:
+    def _search(self, pair: Pair, start: Start, options: Options) -> tuple[Start, Candidates]:
+        """Refine the start poses; the grid's, too, where the best of the others leaves a doubt."""
+        candidates = self._refine(pair, start, options)
+        settings = self.artifact.settings.hypotheses_for(options.search)
+        certain = candidates.score[0] >= self._judge.DOUBT
+        if certain or not settings.grid_step_deg or options.deadline.passed():
+            return start, candidates
+        grid = grid_start(
+            start,
+            pair.target.function,
+            pair.source.function,
+            pair.sparse_spacing,
+            options.max_rotation_deg,
+            settings,
+        )
+        return grid, candidates.joined(self._refine(pair, grid, options))
+
+    def _refine(self, pair: Pair, start: Start, options: Options) -> Candidates:
         return refine(
             start,
             pair.target.sparse,
@@ -223,20 +240,25 @@ class Registrar:
         )
 
     def _solve(self, pair: Pair, start: Start, candidates: Candidates, options: Options) -> Solved:
-        """Solve from the best candidate; the caller's guess stands where it is judged better."""
+        """Solve the contenders, let the judge decide; the caller's guess is one of them."""
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
-        best = candidates.poses[0]
-        solved = stage.solve(pair.target, pair.source, best, options.deadline.passed)
-        if not start.allows(solved.T_target_source, options.max_rotation_deg):
-            solved = stage.solve(pair.target, pair.source, best, always)
+        stop = options.deadline.passed
+        solved = []
+        for T in candidates.contenders():
+            found = stage.solve(pair.target, pair.source, T, stop)
+            if not start.allows(found.T_target_source, options.max_rotation_deg):
+                found = stage.solve(pair.target, pair.source, T, always)
+            solved.append(found)
+            if stop():
+                break
         guess = pair.initial(options.initial)
         if guess is not None:
-            both = np.stack([solved.T_target_source, guess.numpy()])
-            evidence = evidence_at(both, start, pair.target.sparse, pair.source.sparse)
-            ours, theirs = self._judge(evidence)
-            if theirs > ours:
-                return stage.solve(pair.target, pair.source, both[1], always)
-        return solved
+            solved.append(stage.solve(pair.target, pair.source, guess.numpy(), always))
+        if len(solved) == 1:
+            return solved[0]
+        T_solved = np.stack([found.T_target_source for found in solved])
+        evidence = evidence_at(T_solved, start, pair.target.sparse, pair.source.sparse)
+        return solved[int(self._judge.log_odds(evidence).argmax())]
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

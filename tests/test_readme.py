@@ -113,6 +113,7 @@ def test_every_command_is_tested_here() -> None:
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
         *those("equivalign", "export"),
+        *those("equivalign", "calibrate"),
         *those("curl"),
     ]
     assert [c for c in ALL if c not in tested and c[0] not in RUN_ELSEWHERE] == []
@@ -158,11 +159,13 @@ def test_http(workplace: Path) -> None:
     assert uploaded["diagnostics"]["overlap_source"] > 0.5
 
 
-def test_fit_export_serve(workplace: Path) -> None:
+def test_fit_export_calibrate_serve(workplace: Path) -> None:
     (fit,), (export,) = those("equivalign", "fit"), those("equivalign", "export")
     (serve,) = (words for words in those("equivalign", "serve") if "--artifact" in words)
     run([*fit, *FEW_STEPS], workplace)
     run(export, workplace)
+    (calibrate,) = those("equivalign", "calibrate")
+    run(calibrate, workplace)
     with serving(serve, workplace) as address, urllib.request.urlopen(f"{address}/model") as model:
         assert json.load(model)["training"]["steps"] == 1
 

@@ -2,7 +2,7 @@
 
 from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
 from model.search.hypotheses import KINDS, Hypotheses, within
-from model.search.hypothesise import HypothesisSettings, Start, hypothesise
+from model.search.hypothesise import HypothesisSettings, Start, grid_start, hypothesise
 
 __all__ = [
     "KINDS",
@@ -12,6 +12,7 @@ __all__ = [
     "SearchSettings",
     "Start",
     "evidence_at",
+    "grid_start",
     "hypothesise",
     "refine",
     "within",

@@ -13,15 +13,16 @@ from model.sampling import scattered_subset
 from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
-from model.surface import REACH, SurfaceCloud, descend
-from model.verification.evidence import Evidence
+from model.surface import REACH, SurfaceArrays, SurfaceCloud, descend
+from model.verification import Evidence, Judge
 
 FloatArray = npt.NDArray[np.float64]
-Judge = Callable[[Evidence], FloatArray]
 Stop = Callable[[], bool]
 
 _TOLERANCE = 1e-4
 _SUPPORT_REACH = 0.8
+# Candidates this close in log-odds to the best one are all solved, up to so many.
+_CLOSE, _CONTENDERS = 1.0, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,16 +34,22 @@ class SearchLevel:
         across: ℓ_n across it.
         steps: at most this many.
         kept: most candidates that enter this level, the best by the judge.
+        points: source points that move a candidate.
     """
 
     lengthscale: float
     across: float
     steps: int
     kept: int
+    points: int = 256
 
 
 def _levels() -> list[SearchLevel]:
-    return [SearchLevel(1.5, 0.75, 3, 20), SearchLevel(1.0, 0.4, 4, 8)]
+    return [
+        SearchLevel(1.5, 0.75, 3, 24, points=128),
+        SearchLevel(1.0, 0.4, 4, 10, points=192),
+        SearchLevel(0.7, 0.25, 4, 5, points=560),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,13 +57,11 @@ class SearchSettings:
     """How long to search.
 
     Attributes:
-        source_points: source points that move a candidate.
         levels: coarse to fine.
         merge_angle_deg: refined candidates closer than this are one, if
         merge_distance: also their translations are this close, in spacings.
     """
 
-    source_points: int = 256
     levels: Sequence[SearchLevel] = field(default_factory=_levels)
     merge_angle_deg: float = 5.0
     merge_distance: float = 0.6
@@ -82,6 +87,21 @@ class Candidates:
         T: FloatArray = self.hypotheses.T_target_source.double().numpy()
         return T
 
+    def contenders(self) -> FloatArray:
+        """Those whose score is close enough to the best for the last stage to decide, (C, 4, 4)."""
+        close = self.score >= self.score[0] - _CLOSE
+        return self.poses[: int(close[:_CONTENDERS].sum())]
+
+    def joined(self, other: Candidates) -> Candidates:
+        """Both, best first."""
+        score = np.concatenate([self.score, other.score])
+        order = np.argsort(-score, kind="stable")
+        evidence = self.evidence.joined(other.evidence)
+        hypotheses = Hypotheses.joined([self.hypotheses, other.hypotheses])
+        return Candidates(
+            hypotheses.select(torch.from_numpy(order)), evidence.select(order), score[order]
+        )
+
 
 def refine(
     start: Start,
@@ -106,60 +126,68 @@ def refine(
         stop: asked between candidates; those that weren't reached stay as they were.
     """
     spacing = max(target.spacing, source.spacing)
-    hypotheses, T = start.hypotheses, start.hypotheses.T_target_source.double().numpy()
-    few = scattered_subset(source.arrays.points, settings.source_points, seed)
-    geometry, moving = target.without_features(), source.select(few).without_features().arrays
+    geometry = target.without_features()
+    hypotheses = start.hypotheses
     for level in settings.levels:
-        if len(T) > level.kept:
-            score = judge(evidence_at(T, start, target, source))
-            best = np.sort(np.argsort(-score, kind="stable")[: level.kept])
-            hypotheses, T = hypotheses.select(torch.from_numpy(best)), T[best]
-        view = geometry.at(REACH * level.lengthscale * spacing)
-        for k in range(len(T)):
-            if stop():
-                break
-            T[k] = descend(
-                view.cells,
-                view.arrays,
-                moving,
-                T[k],
-                level.lengthscale * spacing,
-                level.across * spacing,
-                level.steps,
-                _TOLERANCE,
-            )[0]
-    refined = hypotheses.moved_to(torch.from_numpy(T).float())
+        if len(hypotheses) > level.kept:
+            # Merged first, lest the best be one pose many times.
+            best = _judged(hypotheses, start, target, source, settings, judge)
+            hypotheses = best.hypotheses.select(torch.arange(len(best.score))[: level.kept])
+        few = scattered_subset(source.arrays.points, level.points, seed)
+        moving = source.select(few).without_features().arrays
+        hypotheses = _stepped(hypotheses, geometry, moving, spacing, level, stop)
     centre = start.hypotheses.T_target_source[0]
-    allowed = within(refined, centre[:3, :3], max_rotation_deg + ROTATION_SLACK_DEG)
+    allowed = within(hypotheses, centre[:3, :3], max_rotation_deg + ROTATION_SLACK_DEG)
     # Where all have turned too far, the start poses stand as they were: they are within.
-    refined = refined.select(allowed) if bool(allowed.any()) else start.hypotheses
+    refined = hypotheses.select(allowed) if bool(allowed.any()) else start.hypotheses
     if start.hypotheses.kind[0] == KINDS.index("initial"):
         # The guess itself stays a candidate.
         refined = Hypotheses.joined([start.hypotheses.select(torch.tensor([0])), refined])
-    return _merged(start, refined, target, source, settings, judge, spacing)
+    return _judged(refined, start, target, source, settings, judge)
 
 
-def _merged(
+def _stepped(
+    hypotheses: Hypotheses,
+    target: SurfaceCloud,
+    source: SurfaceArrays,
+    spacing: float,
+    level: SearchLevel,
+    stop: Stop,
+) -> Hypotheses:
+    """Every pose moved by one level's steps."""
+    ell, across = level.lengthscale * spacing, level.across * spacing
+    view = target.at(REACH * level.lengthscale * spacing)
+    T = hypotheses.T_target_source.double().numpy()
+    for k in range(len(T)):
+        if stop():
+            break
+        T[k] = descend(view.cells, view.arrays, source, T[k], ell, across, level.steps, _TOLERANCE)[
+            0
+        ]
+    return hypotheses.moved_to(torch.from_numpy(T).float())
+
+
+def _judged(
+    hypotheses: Hypotheses,
     start: Start,
-    refined: Hypotheses,
     target: SurfaceCloud,
     source: SurfaceCloud,
     settings: SearchSettings,
     judge: Judge,
-    spacing: float,
 ) -> Candidates:
-    T = refined.T_target_source
+    """Scored, best first, those that are nearly the same merged."""
+    T = hypotheses.T_target_source
     evidence = evidence_at(T.double().numpy(), start, target, source)
-    score = judge(evidence)
+    score = judge.log_odds(evidence)
     order = distinct(
         T,
         torch.from_numpy(score),
         len(T),
         settings.merge_angle_deg,
-        settings.merge_distance * spacing,
+        settings.merge_distance * max(target.spacing, source.spacing),
     )
     rows = order.numpy()
-    return Candidates(refined.select(order), evidence.select(rows), score[rows])
+    return Candidates(hypotheses.select(order), evidence.select(rows), score[rows])
 
 
 def evidence_at(

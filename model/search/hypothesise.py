@@ -12,7 +12,7 @@ from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.se3 import rotation_angle
-from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted, support_of
+from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
@@ -41,18 +41,16 @@ class HypothesisSettings:
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
         grid_levels: how the grid's poses slide into the basins of wide kernels.
         grid_kept: most of the grid's poses that are kept.
-        grid_below: the grid is searched only where fewer matches than this agree on any pose.
     """
 
     identity: bool = True
     triplets: bool = True
     consensus: ConsensusSettings = field(default_factory=ConsensusSettings)
-    matches: int = 400
+    matches: int = 250
     voted: int = 6
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
     grid_kept: int = 8
-    grid_below: float = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +84,7 @@ def hypothesise(
     settings: HypothesisSettings,
     seed: int,
 ) -> Start:
-    """Collect the start poses.
+    """Collect the start poses but the grid's.
 
     Args:
         target: (1, N, …) in the normalised frame.
@@ -117,30 +115,45 @@ def hypothesise(
         voted = voted_poses(single, settings.voted, spacing).double().numpy()
         parts.append(_of_features("matched", fitted(voted, matches, spacing, settings.consensus)))
         tried += len(single)
-    agreeing = max((_best_support(part, matches, spacing) for part in parts[1:]), default=0.0)
-    if settings.grid_step_deg and agreeing < settings.grid_below:
-        grid, seen = slid_grid(
-            target.points[0],
-            source.points[0],
-            centre[:3, :3],
-            settings.grid_step_deg,
-            max_rotation_deg,
-            settings.grid_levels,
-            settings.grid_kept,
-            spacing,
-        )
-        parts.append(Hypotheses.of_kind("grid", grid))
-        tried += seen
     every = Hypotheses.joined(parts)
     allowed = within(every, centre[:3, :3], max_rotation_deg)
     allowed[0] = True
     return Start(every.select(allowed), matches, tried)
 
 
+def grid_start(
+    start: Start,
+    target: CloudFunction,
+    source: CloudFunction,
+    spacing: float,
+    max_rotation_deg: float,
+    settings: HypothesisSettings,
+) -> Start:
+    """The grid's poses, for where the others leave a doubt; its arguments are as above.
+
+    Args:
+        start: the other start poses; the grid lies about their first.
+        target: (1, N, …).
+        source: (1, M, …).
+        spacing: of the clouds.
+        max_rotation_deg: radius of the grid.
+        settings: of the grid.
+    """
+    first = start.hypotheses.select(torch.tensor([0]))
+    grid, seen = slid_grid(
+        target.points[0],
+        source.points[0],
+        first.T_target_source[0, :3, :3],
+        settings.grid_step_deg,
+        max_rotation_deg,
+        settings.grid_levels,
+        settings.grid_kept,
+        spacing,
+    )
+    poses = Hypotheses.joined([first, Hypotheses.of_kind("grid", grid)])
+    allowed = within(poses, first.T_target_source[0, :3, :3], max_rotation_deg)
+    return Start(poses.select(allowed), start.matches, start.tried + seen)
+
+
 def _of_features(kind: str, T: FloatArray) -> Hypotheses:
     return Hypotheses.of_kind(kind, torch.from_numpy(T).float())
-
-
-def _best_support(part: Hypotheses, matches: MatchedPoints, spacing: float) -> float:
-    T = part.T_target_source.double().numpy()
-    return float(support_of(T, matches, spacing).max(initial=0.0))

@@ -3,15 +3,16 @@
 from model.surface.cells import Cells, cells_of
 from model.surface.cloud import CellView, SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish
-from model.surface.descent import descend
+from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, SurfaceArrays, SurfaceMoments, surface_moments
 from model.surface.patches import Patches, surface_spacing
-from model.surface.solver import SurfaceLoop, SurfaceSolution, surface_products
+from model.surface.solver import SurfaceLoop, SurfaceSolution, surface_product, surface_products
 
 __all__ = [
     "REACH",
     "CellView",
     "Cells",
+    "Descent",
     "Patches",
     "SurfaceArrays",
     "SurfaceCloud",
@@ -23,6 +24,7 @@ __all__ = [
     "descend",
     "newton_polish",
     "surface_moments",
+    "surface_product",
     "surface_products",
     "surface_spacing",
 ]

@@ -6,10 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
+from scipy.spatial import KDTree
 
-from model.surface.cells import Cells, FloatArray, cells_of
+from model.surface.cells import Cells, FloatArray, IntArray, cells_of
 from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
+
+_NEIGHBOURS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,6 +40,7 @@ class SurfaceCloud:
     arrays: SurfaceArrays
     spacing: float
     _views: dict[float, CellView] = field(default_factory=dict, repr=False, compare=False)
+    _neighbours: dict[float, IntArray] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -75,6 +79,16 @@ class SurfaceCloud:
             view = CellView(cells, ordered(self.arrays, cells.order))
             self._views[reach] = view
         return view
+
+    def neighbours(self, reach: float) -> IntArray:
+        """(N, k) the nearest other points of each, as rows of ``at(reach)``; found once."""
+        found = self._neighbours.get(reach)
+        if found is None:
+            points = self.at(reach).arrays.points
+            k = min(_NEIGHBOURS, len(points) - 1)
+            _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
+            found = self._neighbours[reach] = np.ascontiguousarray(index, np.int64)
+        return found
 
     def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
         """Some of its points, with the normals they have among all."""

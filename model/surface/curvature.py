@@ -13,8 +13,8 @@ from model.surface.cloud import CellView
 from model.surface.descent import retracted
 from model.surface.moments import SurfaceArrays, surface_moments
 
-# The gradient is exact, so central differences of it are good to about the square of this.
-_STEP = 1e-5
+# The gradient is exact, so its differences are good to about this, relative to the curvature.
+_STEP = 1e-6
 _TRIES = 5
 
 
@@ -43,25 +43,14 @@ class SurfaceCurvature:
         cut: float,
     ) -> SurfaceCurvature:
         """Differentiate at one pose; the arguments are those of ``surface_moments``."""
-        columns = []
-        for axis in range(6):
-            delta = np.zeros(6)
-            delta[axis] = _STEP
-            ahead, behind = (
-                surface_moments(
-                    view.cells,
-                    view.arrays,
-                    source,
-                    retracted(T, sign * delta),
-                    lengthscale,
-                    across,
-                    cut,
-                ).gradient
-                for sign in (1.0, -1.0)
-            )
-            columns.append((ahead - behind) / (2.0 * _STEP))
         here = surface_moments(view.cells, view.arrays, source, T, lengthscale, across, cut)
-        H = np.stack(columns, 1)
+        H = np.empty((6, 6))
+        for axis, delta in enumerate(_STEP * np.eye(6)):
+            T_ahead = retracted(T, delta)
+            ahead = surface_moments(
+                view.cells, view.arrays, source, T_ahead, lengthscale, across, cut
+            )
+            H[:, axis] = (ahead.gradient - here.gradient) / _STEP
         return cls(here.value, here.gradient, 0.5 * (H + H.T))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,6 +13,24 @@ from model.surface.moments import REACH, SurfaceArrays, surface_moments
 
 _DAMPING = 1e-6
 _HALVINGS = 4
+
+
+class Descent(NamedTuple):
+    """Where steps at one ℓ led.
+
+    Attributes:
+        T_target_source: (4, 4).
+        value: S there.
+        steady: whether the last step was below the tolerance, or none would raise S.
+        values: (steps,) S before each step that was taken.
+        deltas: (steps, 6) δ of each.
+    """
+
+    T_target_source: FloatArray
+    value: float
+    steady: bool
+    values: FloatArray
+    deltas: FloatArray
 
 
 @compiled
@@ -24,7 +43,7 @@ def descend(
     across: float,
     steps: int,
     tolerance: float,
-) -> tuple[FloatArray, float, bool]:
+) -> Descent:
     """Raise S from T (4, 4); a step that would lower it is halved, then given up.
 
     Args:
@@ -37,19 +56,18 @@ def descend(
         steps: at most this many.
         tolerance: a step with ‖δ‖ below this ends the descent.
 
-    Returns:
-        the pose (4, 4), S there, and whether the last step was below the tolerance.
     """
     cut = REACH * lengthscale
     T = T.copy()
+    values, deltas, count = np.zeros(steps), np.zeros((steps, 6)), 0
     here = surface_moments(cells, target, source, T, lengthscale, across, cut)
     for _ in range(steps):
         if here.value <= 1e-12:
-            return T, here.value, False
+            break
         delta = newton_step(here.stiffness, here.gradient)
         size = math.sqrt((delta * delta).sum())
         if size <= tolerance:
-            return T, here.value, True
+            return Descent(T, here.value, True, values[:count], deltas[:count])
         improved = False
         for _ in range(_HALVINGS):
             T_try = retracted(T, delta)
@@ -59,9 +77,11 @@ def descend(
                 break
             delta = 0.5 * delta
         if not improved:
-            return T, here.value, True
+            return Descent(T, here.value, True, values[:count], deltas[:count])
+        values[count], deltas[count] = here.value, delta
+        count += 1
         T, here = T_try, there
-    return T, here.value, False
+    return Descent(T, here.value, False, values[:count], deltas[:count])
 
 
 @compiled

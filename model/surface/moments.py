@@ -20,8 +20,8 @@ import numpy.typing as npt
 from model.compiled import compiled
 from model.surface.cells import Cells, FloatArray, runs_around
 
-# exp(−½·13) = 0.0015 is where the kernel ends.
-REACH = 3.6
+# exp(−3²/2) = 0.011 is where the kernel ends.
+REACH = 3.0
 
 
 class SurfaceArrays(NamedTuple):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -11,7 +10,6 @@ import torch
 
 from model.inner_loop.solution import Step
 from model.kernel import InnerProducts
-from model.se3 import pose_log
 from model.surface.cells import FloatArray
 from model.surface.cloud import SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
@@ -22,8 +20,9 @@ from model.surface.moments import REACH, surface_moments
 Stop = Callable[[], bool]
 
 # The last sums reach farther, so that no pair leaves them while they are differentiated.
-_LAST_REACH = 4.5
-_NEWTON_STEPS = 2
+_LAST_REACH = 4.0
+_NEWTON_STEPS = 1
+_SMALL = 4000
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,27 +108,26 @@ class SurfaceLoop:
     ) -> tuple[FloatArray, bool]:
         """Steps at one ℓ, recorded; tells whether they came to rest."""
         view = target.at(REACH * ell)
-        own = surface_products(target, source, T, ell, across)
-        steady = False
-        for _ in range(self.steps):
-            if stop():
-                break
-            before = T
-            T, value, steady = descend(
-                view.cells, view.arrays, source.arrays, T, ell, across, 1, self.tolerance
+        own = surface_norms(target, source, ell, across)
+        # A large cloud's steps take so long that ``stop`` is asked after each two.
+        at_once = self.steps if len(source.arrays.points) <= _SMALL else 2
+        steady, taken = False, 0
+        while taken < self.steps and not steady and not stop():
+            found = descend(
+                view.cells, view.arrays, source.arrays, T, ell, across, at_once, self.tolerance
             )
-            cross = torch.tensor([value], dtype=torch.float64)
-            moved = torch.from_numpy(T @ np.linalg.inv(before))[None]
-            trace.append(
-                Step.of(
-                    torch.tensor([ell], dtype=torch.float64),
-                    InnerProducts(own.target, own.source, cross),
-                    pose_log(moved),
-                )
-            )
-            if steady:
-                break
+            T, steady = found.T_target_source, found.steady
+            taken += at_once
+            trace += [
+                _step(ell, own, value, delta)
+                for value, delta in zip(found.values, found.deltas, strict=True)
+            ]
         return T, steady
+
+
+def _step(ell: float, own: tuple[float, float], value: float, delta: FloatArray) -> Step:
+    xx, zz, xz, ells = (torch.tensor([v], dtype=torch.float64) for v in (*own, value, ell))
+    return Step.of(ells, InnerProducts(xx, zz, xz), torch.from_numpy(delta)[None])
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,19 +159,25 @@ def surface_products(
     target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, ell: float, across: float
 ) -> InnerProducts:
     """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,hZ⟩ on the surface kernel, a batch of one."""
-    eye = np.eye(4)
-    values = [
-        _product(fixed, moving, at, ell, across)
-        for fixed, moving, at in ((target, target, eye), (source, source, eye), (target, source, T))
-    ]
+    cross = surface_product(target, source, T, ell, across)
+    values = (*surface_norms(target, source, ell, across), cross)
     xx, zz, xz = (torch.tensor([value], dtype=torch.float64) for value in values)
     return InnerProducts(xx, zz, xz)
 
 
-def _product(
-    fixed: SurfaceCloud, moving: SurfaceCloud, T: FloatArray, ell: float, across: float
+def surface_norms(
+    target: SurfaceCloud, source: SurfaceCloud, ell: float, across: float
+) -> tuple[float, float]:
+    """⟨X,X⟩ and ⟨Z,Z⟩."""
+    eye = np.eye(4)
+    x, z = (surface_product(cloud, cloud, eye, ell, across) for cloud in (target, source))
+    return x, z
+
+
+def surface_product(
+    target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, ell: float, across: float
 ) -> float:
+    """⟨X,hZ⟩ alone."""
     cut = REACH * ell
-    view = fixed.at(cut)
-    value = surface_moments(view.cells, view.arrays, moving.arrays, T, ell, across, cut).value
-    return value if math.isfinite(value) else 0.0
+    view = target.at(cut)
+    return surface_moments(view.cells, view.arrays, source.arrays, T, ell, across, cut).value

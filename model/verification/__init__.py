@@ -2,6 +2,6 @@
 
 from model.verification.evidence import NAMES, Evidence
 from model.verification.examination import Examination
-from model.verification.verifier import Verifier, surface_agreement
+from model.verification.verifier import Judge, SurfaceAgreement, Verifier
 
-__all__ = ["NAMES", "Evidence", "Examination", "Verifier", "surface_agreement"]
+__all__ = ["NAMES", "Evidence", "Examination", "Judge", "SurfaceAgreement", "Verifier"]

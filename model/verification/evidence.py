@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.compiled import compiled
-from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.cells import Cells, FloatArray, IntArray, runs_around
 from model.surface.cloud import SurfaceCloud
 from model.surface.moments import SurfaceArrays
 
@@ -18,7 +18,9 @@ REACH = 2.0
 _NEAR, _CLOSE = 1.0, 0.5
 # A point lies on the other surface when its neighbour is near, faces alike, and is not above it.
 _FACING, _ABOVE = 0.8, 0.3
-_PER_SIDE = 6
+_PER_SIDE = 9
+# Log-odds that a pose loses where no neighbour has a label in common.
+_LABEL_WEIGHT = 20.0
 
 NAMES = (
     "overlap_least",
@@ -29,8 +31,9 @@ NAMES = (
     "height",
     "likeness",
     "tightness",
+    "gap_patches",
+    "misfit_patches",
     "support_share",
-    "support_rank",
     "log_support",
     "log_points",
 )
@@ -42,13 +45,23 @@ class Evidence:
 
     Attributes:
         values: (K, E), in the order of ``NAMES``; none has a unit.
+        label_odds: (K,) what the labels of neighbours that differ take from the log-odds; 0 without
+            labels, which the verifier doesn't know.
     """
 
     values: FloatArray
+    label_odds: FloatArray
 
     def select(self, rows: npt.NDArray[np.int64]) -> Evidence:
         """Some of the poses."""
-        return Evidence(self.values[rows])
+        return Evidence(self.values[rows], self.label_odds[rows])
+
+    def joined(self, other: Evidence) -> Evidence:
+        """Of both poses' sets, one after the other."""
+        return Evidence(
+            np.concatenate([self.values, other.values]),
+            np.concatenate([self.label_odds, other.label_odds]),
+        )
 
     @classmethod
     def of(
@@ -69,12 +82,18 @@ class Evidence:
             matches: how many there are.
         """
         spacing = max(target.spacing, source.spacing)
-        fixed, moving = target.at(REACH * spacing), source.at(REACH * spacing)
-        rows = np.empty((len(T), len(NAMES)))
+        reach = REACH * spacing
+        fixed, moving = target.at(reach), source.at(reach)
+        beside_fixed, beside_moving = target.neighbours(reach), source.neighbours(reach)
+        inverse = np.linalg.inv(T)
+        rows, label_odds = np.empty((len(T), len(NAMES))), np.zeros(len(T))
         for k in range(len(T)):
-            a = _one_side(fixed.cells, fixed.arrays, moving.arrays, T[k], spacing)
-            b = _one_side(moving.cells, moving.arrays, fixed.arrays, _inverse(T[k]), spacing)
+            a = _one_side(fixed.cells, fixed.arrays, moving.arrays, beside_moving, T[k], spacing)
+            b = _one_side(
+                moving.cells, moving.arrays, fixed.arrays, beside_fixed, inverse[k], spacing
+            )
             both = 0.5 * (a + b)
+            label_odds[k] = _LABEL_WEIGHT * (both[8] - 1.0)
             rows[k] = (
                 min(a[0], b[0]),
                 both[0],
@@ -84,36 +103,40 @@ class Evidence:
                 both[3],
                 both[4],
                 both[5],
+                both[6],
+                both[7],
                 support[k] / max(matches, 1),
-                support[k] / max(float(support.max()), 1e-9),
                 math.log1p(support[k]),
                 math.log(min(len(fixed.arrays.points), len(moving.arrays.points))),
             )
-        return cls(rows)
-
-
-def _inverse(T: FloatArray) -> FloatArray:
-    out = np.eye(4)
-    out[:3, :3] = T[:3, :3].T
-    out[:3, 3] = -T[:3, :3].T @ T[:3, 3]
-    return out
+        return cls(rows, label_odds)
 
 
 @compiled
 def _one_side(
-    cells: Cells, fixed: SurfaceArrays, moving: SurfaceArrays, T: FloatArray, spacing: float
+    cells: Cells,
+    fixed: SurfaceArrays,
+    moving: SurfaceArrays,
+    neighbours: IntArray,
+    T: FloatArray,
+    spacing: float,
 ) -> FloatArray:
-    """Shares and means over the moving points' nearest fixed points, (6,).
+    """Shares and means over the moving points' nearest fixed points, (9,).
 
     In order: share near; share on the surface; mean |n·m|, height and likeness of features, over
-    those near; share close among those near.
+    those near; share close among those near; share of points off it among the neighbours of points
+    that aren't near, and of those that aren't on the surface. What a crop took away lies together;
+    what a wrong pose leaves uncovered is strewn about. Last, the cosine of the labels of those
+    near; 1 without labels.
     """
+    is_near = np.zeros(len(moving.points), np.bool_)
+    is_on = np.zeros(len(moving.points), np.bool_)
     reach2 = (REACH * spacing) ** 2
-    width = fixed.features.shape[1]
+    width, traits = fixed.features.shape[1], fixed.labels.shape[1]
     channels = width // 3
     runs = np.empty((9, 2), np.int64)
     near = on = close = 0
-    facing = height = likeness = 0.0
+    facing = height = likeness = alike = 0.0
     for j in range(len(moving.points)):
         z0, z1, z2 = moving.points[j, 0], moving.points[j, 1], moving.points[j, 2]
         y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
@@ -131,6 +154,7 @@ def _one_side(
         if at < 0 or nearest > (_NEAR * spacing) ** 2:
             continue
         near += 1
+        is_near[j] = True
         if nearest < (_CLOSE * spacing) ** 2:
             close += 1
         n0, n1, n2 = moving.normals[j, 0], moving.normals[j, 1], moving.normals[j, 2]
@@ -147,6 +171,7 @@ def _one_side(
         height += above
         if dot > _FACING and above < _ABOVE:
             on += 1
+            is_on[j] = True
         if width:
             product = own = other = 0.0
             for c in range(channels):
@@ -162,7 +187,15 @@ def _one_side(
                 own += g0 * g0 + g1 * g1 + g2 * g2
                 other += f0 * f0 + f1 * f1 + f2 * f2
             likeness += product / math.sqrt(own * other + 1e-12)
+        if traits:
+            both = own_labels = other_labels = 0.0
+            for c in range(traits):
+                both += fixed.labels[at, c] * moving.labels[j, c]
+                own_labels += moving.labels[j, c] ** 2
+                other_labels += fixed.labels[at, c] ** 2
+            alike += both / math.sqrt(own_labels * other_labels + 1e-12)
     out = np.zeros(_PER_SIDE)
+    out[8] = alike / near if traits and near > 0 else 1.0
     if near > 0:
         total = len(moving.points)
         out[0] = near / total
@@ -171,4 +204,20 @@ def _one_side(
         out[3] = height / near
         out[4] = likeness / near
         out[5] = close / near
+    out[6] = patches(is_near, neighbours)
+    out[7] = patches(is_on, neighbours)
     return out
+
+
+@compiled
+def patches(flag: npt.NDArray[np.bool_], neighbours: IntArray) -> float:
+    """Share of points without the flag among the neighbours of points without it; 1 if all have."""
+    without = alike = 0
+    for j in range(len(flag)):
+        if flag[j]:
+            continue
+        for a in range(neighbours.shape[1]):
+            without += 1
+            if not flag[neighbours[j, a]]:
+                alike += 1
+    return alike / without if without else 1.0

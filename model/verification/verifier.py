@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +13,20 @@ from model.exceptions import InvalidOptionError
 from model.verification.evidence import NAMES, Evidence
 
 FloatArray = npt.NDArray[np.float64]
+
+
+class Judge(Protocol):
+    """Tells which of several poses is right.
+
+    Attributes:
+        DOUBT: where even the best pose scores less, it pays to search on.
+    """
+
+    DOUBT: float
+
+    def log_odds(self, evidence: Evidence) -> FloatArray:
+        """Of each pose's being right, (K,)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +54,14 @@ class Verifier:
 
     # A lead beyond this adds nothing.
     LEAD = 6.0
+    # Odds below 12 to 1 leave a doubt.
+    DOUBT = 2.5
 
     def log_odds(self, evidence: Evidence) -> FloatArray:
         """Of each pose's being right, (K,)."""
         e = (evidence.values - self.mean) / self.scale
         hidden = np.tanh(e @ self.hidden_weight.T + self.hidden_bias)
-        odds: FloatArray = hidden @ self.out_weight + self.out_bias
+        odds: FloatArray = hidden @ self.out_weight + self.out_bias + evidence.label_odds
         return odds
 
     def probability(self, log_odds: float, lead: float) -> float:
@@ -103,17 +119,28 @@ class Verifier:
         return verifier
 
 
-def surface_agreement(evidence: Evidence) -> FloatArray:
-    """The judge of an artifact without a verifier, (K,): a product of shares, as log-odds of sorts.
+class SurfaceAgreement:
+    """The judge of an artifact without a verifier: a product of shares, as log-odds of sorts.
 
-    The share of points that lie on the other surface, by the side that has fewer, and the share of
-    matches that agree: a pose that overlaps too much but fits loosely has little of the first.
+    The share of points that lie on the other surface and the share of matches that agree: a pose
+    that overlaps too much but fits loosely has little of the first.
     """
+
+    # A fully overlapping, noisy pair scores about −1.
+    DOUBT = -1.2
+
+    def log_odds(self, evidence: Evidence) -> FloatArray:
+        """Of each pose, (K,)."""
+        return surface_agreement(evidence)
+
+
+def surface_agreement(evidence: Evidence) -> FloatArray:
+    """log(share on the surface) + ½ log(share of matches that agree), (K,)."""
     on = evidence.values[:, NAMES.index("surface_least")]
     also = evidence.values[:, NAMES.index("surface_mean")]
     support = evidence.values[:, NAMES.index("support_share")]
     score: FloatArray = np.log(0.02 + 0.5 * (on + also)) + 0.5 * np.log(0.02 + support)
-    return score
+    return score + evidence.label_odds
 
 
 def _numbers(values: Sequence[Any], shape: tuple[int, ...]) -> FloatArray:

@@ -13,7 +13,7 @@ from model.inner_loop.procrustes import procrustes_step
 from model.kernel import RkhsKernel
 from model.kernel.moments import PoseMoments
 from model.se3 import pose_matrix, rotation_angle
-from model.search import Hypotheses, HypothesisSettings, hypothesise, within
+from model.search import Hypotheses, HypothesisSettings, grid_start, hypothesise, within
 from model.search.consensus import (
     ConsensusSettings,
     MatchedPoints,
@@ -96,8 +96,13 @@ def encoded(points):
 def test_hypotheses_start_with_the_callers_and_stay_in_reach(cloud, pose):
     x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
     T = pose(0, 120.0).float()
-    settings = HypothesisSettings(grid_step_deg=15.0, grid_below=1e9)
-    start = hypothesise(x, z, 1, 0.2, T, 30.0, settings, 0).hypotheses
+    settings = HypothesisSettings(grid_step_deg=15.0)
+    begun = hypothesise(x, z, 1, 0.2, T, 30.0, settings, 0)
+    on_grid = grid_start(begun, x, z, 0.2, 30.0, settings)
+    assert on_grid.tried > begun.tried
+    assert bool(within(on_grid.hypotheses, T[:3, :3], 30.01).all())
+    assert torch.equal(on_grid.hypotheses.T_target_source[0], T)
+    start = begun.hypotheses
     assert KINDS[int(start.kind[0])] == "initial"
     assert torch.equal(start.T_target_source[0], T)
     assert bool(within(start, T[:3, :3], 30.01).all())
@@ -188,12 +193,11 @@ def test_too_few_matches_give_no_pose():
     assert len(found.T_target_source) == 0
 
 
-@pytest.mark.parametrize("off", ["matches", "triplets", "grid_step_deg", "identity"])
+@pytest.mark.parametrize("off", ["matches", "triplets", "identity"])
 def test_each_source_of_hypotheses_can_be_switched_off(off, cloud):
     x, z = encoded(cloud(0, 100)), encoded(cloud(0, 100, part=1))
-    kinds = {"matches": "matched", "triplets": "consensus", "grid_step_deg": "grid"}
-    kind = kinds.get(off, off)
-    settings = HypothesisSettings(grid_below=1e9)
+    kind = {"matches": "matched", "triplets": "consensus"}.get(off, off)
+    settings = HypothesisSettings()
     guess = torch.eye(4)
     every = hypothesise(x, z, 1, 0.2, guess, 180.0, settings, 0).hypotheses
     fewer = dataclasses.replace(settings, **{off: 0})

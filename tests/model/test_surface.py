@@ -125,8 +125,9 @@ def test_no_step_lowers_the_sum(clouds):
     T, values = small_pose(5, 0.2), []
     view = clouds[0].at(FAR)
     for _ in range(10):
-        T, value, _ = descend(view.cells, view.arrays, clouds[1].arrays, T, ELL, ACROSS, 1, 1e-9)
-        values.append(value)
+        found = descend(view.cells, view.arrays, clouds[1].arrays, T, ELL, ACROSS, 1, 1e-9)
+        T = found.T_target_source
+        values.append(found.value)
     assert (np.diff(values) >= -1e-9).all()
     assert values[-1] > values[0]
 

@@ -1,4 +1,4 @@
-"""A verifier from judged poses: a small network by cross entropy, then its calibration."""
+"""A verifier from judged poses: a small network by two cross entropies, then its calibration."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 import torch
+from scipy.optimize import minimize
 from torch import Tensor
 
 from model.exceptions import InvalidOptionError
@@ -15,16 +16,20 @@ from training.verification.collection import JudgedPoses
 
 FloatArray = npt.NDArray[np.float64]
 
-_HIDDEN = 12
-_STEPS = 1500
-_RATE = 0.02
-_DECAY = 3e-3
+_HIDDEN = 16
+_STEPS = 800
+_RATE = 0.01
+# Few pairs and much freedom: weight decay and noise on the evidence keep the network smooth.
+_DECAY = 0.1
+_NOISE = 0.1
 _FEWEST = 10
+_UNCHANGED, _PRIOR = np.array([0.0, 1.0, 0.0]), np.array([0.01, 1.0, 1.0])
 
 
 def fit_network(judged: Sequence[JudgedPoses], seed: int) -> Verifier:
     """Fit the network to candidates and solved poses; every pair weighs the same.
 
+    One cross entropy asks of each pose whether it is right, the other of each pair which pose is.
     A solved pose in the right basin that isn't accurate enough to count as right is left out: the
     network tells basins apart.
 
@@ -35,7 +40,7 @@ def fit_network(judged: Sequence[JudgedPoses], seed: int) -> Verifier:
     Raises:
         InvalidOptionError: too few of either kind.
     """
-    rows, right, weight = _poses(judged)
+    rows, right, pair = _poses(judged)
     if min(int(right.sum()), int((~right).sum())) < _FEWEST:
         raise InvalidOptionError(
             "too few right or too few wrong poses to fit a verifier to",
@@ -45,8 +50,7 @@ def fit_network(judged: Sequence[JudgedPoses], seed: int) -> Verifier:
         )
     mean, scale = rows.mean(axis=0), rows.std(axis=0) + 1e-6
     x = torch.from_numpy((rows - mean) / scale).float()
-    y, w = torch.from_numpy(right).float(), torch.from_numpy(weight).float()
-    hidden, out = _trained(x, y, w, seed)
+    hidden, out = _trained(x, torch.from_numpy(right).float(), torch.from_numpy(pair), seed)
     return Verifier(
         mean,
         scale,
@@ -54,7 +58,7 @@ def fit_network(judged: Sequence[JudgedPoses], seed: int) -> Verifier:
         _array(hidden.bias),
         _array(out.weight)[0],
         float(out.bias.detach()),
-        np.array([0.0, 1.0, 0.0]),
+        _UNCHANGED,
     )
 
 
@@ -74,20 +78,22 @@ def calibration(judged: Sequence[JudgedPoses]) -> FloatArray:
         axis=1,
     )
     y = np.array([pair.solved_right for pair in judged], dtype=np.float64)
-    c, prior = np.array([0.0, 1.0, 0.0]), np.diag([0.01, 0.1, 0.1])
-    target = c.copy()
-    for _ in range(50):
-        p = 1.0 / (1.0 + np.exp(-np.clip(x @ c, -30.0, 30.0)))
-        gradient = x.T @ (y - p) - prior @ (c - target)
-        hessian = (x * (p * (1.0 - p))[:, None]).T @ x + prior
-        c = c + np.linalg.solve(hessian, gradient)
-    return c
+    sign = 1.0 - 2.0 * y
+
+    def loss(c: FloatArray) -> float:
+        # A prior that leaves the network's own log-odds as they are.
+        prior = 0.5 * float(_PRIOR @ np.square(c - _UNCHANGED))
+        return float(np.logaddexp(0.0, sign * (x @ c)).sum()) + prior
+
+    fitted: FloatArray = minimize(loss, _UNCHANGED, method="BFGS").x
+    return fitted
 
 
 def _poses(
     judged: Sequence[JudgedPoses],
-) -> tuple[FloatArray, npt.NDArray[np.bool_], FloatArray]:
-    rows, right, weight = [], [], []
+) -> tuple[FloatArray, npt.NDArray[np.bool_], npt.NDArray[np.int64]]:
+    """Evidence (P, E), verdict (P,) and the number of the pair (P,) of all poses."""
+    rows, right, number = [], [], []
     for pair in judged:
         own, verdict = [pair.candidates], [pair.candidates_right]
         if pair.solved_right or not pair.candidates_right[0]:
@@ -95,23 +101,45 @@ def _poses(
             verdict.append(np.array([pair.solved_right]))
         rows.append(np.concatenate(own))
         right.append(np.concatenate(verdict))
-        weight.append(np.full(len(rows[-1]), 1.0 / len(rows[-1])))
-    return np.concatenate(rows), np.concatenate(right), np.concatenate(weight)
+        number.append(np.full(len(rows[-1]), len(number)))
+    return np.concatenate(rows), np.concatenate(right), np.concatenate(number)
 
 
-def _trained(x: Tensor, y: Tensor, w: Tensor, seed: int) -> tuple[torch.nn.Linear, torch.nn.Linear]:
+def _trained(
+    x: Tensor, y: Tensor, pair: Tensor, seed: int
+) -> tuple[torch.nn.Linear, torch.nn.Linear]:
+    weight = 1.0 / torch.bincount(pair).float()[pair]
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(seed)
         hidden, out = torch.nn.Linear(x.shape[1], _HIDDEN), torch.nn.Linear(_HIDDEN, 1)
-    parameters = [*hidden.parameters(), *out.parameters()]
-    optimizer = torch.optim.AdamW(parameters, lr=_RATE, weight_decay=_DECAY)
-    for _ in range(_STEPS):
-        odds = out(torch.tanh(hidden(x)))[:, 0]
-        loss = torch.nn.functional.binary_cross_entropy_with_logits(odds, y, w)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
+        optimizer = torch.optim.AdamW(
+            [*hidden.parameters(), *out.parameters()], lr=_RATE, weight_decay=_DECAY
+        )
+        for _ in range(_STEPS):
+            noisy = x + _NOISE * torch.randn_like(x)
+            odds = out(torch.tanh(hidden(noisy)))[:, 0]
+            each = torch.nn.functional.binary_cross_entropy_with_logits(odds, y, weight)
+            loss = each + _which_entropy(odds, y, pair)
+            optimizer.zero_grad()
+            loss.backward()
+            optimizer.step()
     return hidden, out
+
+
+def _which_entropy(odds: Tensor, y: Tensor, pair: Tensor) -> Tensor:
+    """−log of the softmax share that right poses have among the pair's, mean over the pairs.
+
+    Pairs with only right or only wrong poses say nothing here.
+    """
+    pairs = int(pair[-1]) + 1
+    share = torch.exp(odds - odds.max().detach()) + 1e-9
+    every = torch.zeros(pairs).index_add(0, pair, share)
+    right = torch.zeros(pairs).index_add(0, pair, share * y)
+    some = torch.zeros(pairs).index_add(0, pair, y)
+    mixed = (some > 0) & (some < torch.bincount(pair, minlength=pairs))
+    if not bool(mixed.any()):
+        return odds.new_zeros(())
+    return (every[mixed] / right[mixed]).log().mean()
 
 
 def _array(parameter: Tensor) -> FloatArray:

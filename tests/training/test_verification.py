@@ -1,0 +1,96 @@
+"""Fitting a verifier: that it learns which pose is right, and that its probabilities mean it."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from model import Registrar
+from model.artifact import SHIPPED, load_artifact
+from model.exceptions import InvalidOptionError
+from model.verification import NAMES, Evidence
+from training.data.procedural import ProceduralShapes
+from training.verification.collection import JudgedPoses, adds, judged
+from training.verification.command import calibrate_command
+from training.verification.fit import calibration, fit_network
+
+
+def made_up(pairs: int, seed: int) -> list[JudgedPoses]:
+    """Evidence whose first entry tells right from wrong, the others nothing."""
+    rng = np.random.default_rng(seed)
+    found = []
+    for _ in range(pairs):
+        right = rng.permutation([True, False, False, False])
+        values = rng.normal(size=(4, len(NAMES)))
+        values[:, 0] += 3.0 * right
+        best = int(values[:, 0].argmax())
+        rest = np.delete(values[:, 0], best)
+        found.append(
+            JudgedPoses(
+                values,
+                right,
+                values[best],
+                bool(right[best]),
+                float(values[best, 0] - rest.max()),
+                float(values[best, 0]),
+            )
+        )
+    return found
+
+
+def test_the_network_learns_which_pose_is_right_and_is_the_same_every_time():
+    verifier = fit_network(made_up(300, 0), seed=0)
+    fresh = made_up(300, 1)
+    chosen = [
+        pair.candidates_right[verifier.log_odds(Evidence(pair.candidates, np.zeros(4))).argmax()]
+        for pair in fresh
+    ]
+    best = [pair.candidates_right[pair.candidates[:, 0].argmax()] for pair in fresh]
+    assert np.mean(chosen) > np.mean(best) - 0.03
+    again = fit_network(made_up(300, 0), seed=0)
+    np.testing.assert_array_equal(again.hidden_weight, verifier.hidden_weight)
+
+
+def test_probabilities_are_calibrated():
+    judged_pairs = made_up(2000, 2)
+    verifier = fit_network(judged_pairs[:300], seed=0)
+    c = calibration(judged_pairs[300:1200])
+    held_out = judged_pairs[1200:]
+    x = np.array([[1.0, p.log_odds, np.clip(p.lead, -6.0, 6.0)] for p in held_out])
+    probability = 1.0 / (1.0 + np.exp(-x @ c))
+    right = np.array([pair.solved_right for pair in held_out])
+    assert abs(probability.mean() - right.mean()) < 0.03
+    low, high = probability < 0.7, probability > 0.95
+    assert abs(probability[high].mean() - right[high].mean()) < 0.05
+    assert right[low].mean() < right[high].mean()
+    assert np.isfinite(verifier.mean).all()
+
+
+def test_nothing_is_fitted_to_poses_of_one_kind():
+    with pytest.raises(InvalidOptionError, match="pairs"):
+        fit_network(made_up(2, 0), seed=0)
+
+
+def test_a_pair_is_judged_by_the_pose_that_was_made_for_it():
+    shapes = ProceduralShapes(16, 2048, 3)
+    found = judged(Registrar.load(), shapes[2], seed=11)
+    assert found.candidates.shape == (len(found.candidates_right), len(NAMES))
+    surface = shapes[2].points[:300].double().numpy()
+    T = np.eye(4)
+    T[:3, 3] = 0.3
+    assert adds(surface, T, T) == 0.0
+    assert adds(surface, np.eye(4), T) > 0.05
+
+
+def test_the_command_writes_a_verifier_into_the_artifact(tmp_path: Path):
+    artifact = tmp_path / "artifact"
+    shutil.copytree(SHIPPED / "default", artifact)
+    before = load_artifact(artifact)
+    assert calibrate_command([str(artifact), "--pairs", "16", "--held-out", "6"]) == 0
+    after = load_artifact(artifact)
+    assert after.weights_sha256 == before.weights_sha256
+    assert after.verifier is not None
+    assert not np.array_equal(after.verifier.hidden_weight, before.verifier.hidden_weight)
