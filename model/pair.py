@@ -14,6 +14,7 @@ from model.labels import as_labels, require_matching_labels
 from model.normalization import JointFrame, extent
 from model.point_cloud import as_points
 from model.prepared_cloud import PreparedCloud
+from model.side_by_side import side_by_side
 
 FloatArray = npt.NDArray[np.float64]
 Prepare = Callable[[FloatArray, FloatArray | None, int], PreparedCloud]
@@ -127,10 +128,13 @@ class Pair:
         ready = given.prepared
         if ready is not None and frame.scale <= _LARGER_SOURCE * ready.scale:
             frame = JointFrame(ready.centre, frame.centre_source, ready.scale)
-            target = ready.cloud
-        else:
-            target = prepare(frame.target(given.target), given.target_labels, seed)
-        source = prepare(frame.source(given.source), given.source_labels, seed)
+            source = prepare(frame.source(given.source), given.source_labels, seed)
+            return cls(frame, ready.cloud, source)
+        clouds = (
+            (frame.target(given.target), given.target_labels),
+            (frame.source(given.source), given.source_labels),
+        )
+        target, source = side_by_side(lambda cloud: prepare(*cloud, seed), clouds)
         return cls(frame, target, source)
 
     @property

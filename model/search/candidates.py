@@ -13,6 +13,7 @@ from model.sampling import scattered_subset
 from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
+from model.side_by_side import side_by_side
 from model.surface import REACH, SurfaceArrays, SurfaceCloud, descend
 from model.verification import Evidence, Judge
 
@@ -158,13 +159,15 @@ def _stepped(
     ell, across = level.lengthscale * spacing, level.across * spacing
     view = target.at(REACH * level.lengthscale * spacing)
     T = hypotheses.T_target_source.double().numpy()
-    for k in range(len(T)):
+
+    def stepped(pose: FloatArray) -> FloatArray:
         if stop():
-            break
-        T[k] = descend(view.cells, view.arrays, source, T[k], ell, across, level.steps, _TOLERANCE)[
-            0
-        ]
-    return hypotheses.moved_to(torch.from_numpy(T).float())
+            return pose
+        found = descend(view.cells, view.arrays, source, pose, ell, across, level.steps, _TOLERANCE)
+        return found.T_target_source
+
+    moved = np.stack(side_by_side(stepped, T))
+    return hypotheses.moved_to(torch.from_numpy(moved).float())
 
 
 def _judged(

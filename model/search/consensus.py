@@ -49,7 +49,7 @@ class ConsensusSettings:
         tightening: reaches of the least-squares rounds, one after another.
     """
 
-    triplets: int = 600
+    triplets: int = 500
     kept: int = 12
     edge: float = 0.2
     edge_tolerance: float = 1.2

@@ -46,7 +46,7 @@ class HypothesisSettings:
     identity: bool = True
     triplets: bool = True
     consensus: ConsensusSettings = field(default_factory=ConsensusSettings)
-    matches: int = 250
+    matches: int = 150
     voted: int = 6
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)

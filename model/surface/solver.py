@@ -21,8 +21,11 @@ Stop = Callable[[], bool]
 
 # The last sums reach farther, so that no pair leaves them while they are differentiated.
 _LAST_REACH = 4.0
-_NEWTON_STEPS = 1
+_NEWTON_STEPS = 3
 _SMALL = 4000
+# The last ℓ may take this many times the steps of the others to come to rest.
+_LAST_STEPS = 2
+_MANY, _WIDEST = 700, 1.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +40,7 @@ class SurfaceLoop:
     Attributes:
         lengthscale: ℓ along the surface to start with.
         across: ℓ_n across it to start with.
-        steps: at most this many at each ℓ.
+        steps: at most this many at each ℓ but the last, which may take twice as many.
         rounds: of adapting ℓ.
         growth: ℓ by the median distance of near points.
         growth_across: ℓ_n by the median height of near points above the surface.
@@ -46,10 +49,10 @@ class SurfaceLoop:
         tolerance: a step with ‖δ‖ below this ends a level.
     """
 
-    lengthscale: float = 0.9
-    across: float = 0.3
-    steps: int = 8
-    rounds: int = 3
+    lengthscale: float = 0.7
+    across: float = 0.25
+    steps: int = 5
+    rounds: int = 2
     growth: float = 1.8
     growth_across: float = 2.2
     least: float = 0.1
@@ -68,10 +71,13 @@ class SurfaceLoop:
             stop: asked between steps; the best pose so far is then the answer.
         """
         spacing = max(target.spacing, source.spacing)
+        # Few points average their noise less: they get wider kernels.
+        fewer = min(len(target.arrays.points), len(source.arrays.points))
+        spacing *= float(np.clip((_MANY / fewer) ** 0.25, 1.0, _WIDEST))
         ell, across = self.lengthscale * spacing, self.across * spacing
         steps: list[Step] = []
-        T, steady = self._level(target, source, T, ell, across, stop, steps)
-        for _ in range(self.rounds):
+        T, steady = self._level(target, source, T, ell, across, self.steps, stop, steps)
+        for left in reversed(range(self.rounds)):
             meeting = Meeting.of(target, source, T)
             if meeting is None or stop():
                 break
@@ -86,7 +92,8 @@ class SurfaceLoop:
                     )
                 ),
             )
-            T, steady = self._level(target, source, T, ell, across, stop, steps)
+            most = self.steps if left else _LAST_STEPS * self.steps
+            T, steady = self._level(target, source, T, ell, across, most, stop, steps)
         view, cut = target.at(_LAST_REACH * ell), _LAST_REACH * ell
         rounds = 0 if stop() else _NEWTON_STEPS
         T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
@@ -103,6 +110,7 @@ class SurfaceLoop:
         T: FloatArray,
         ell: float,
         across: float,
+        most: int,
         stop: Stop,
         trace: list[Step],
     ) -> tuple[FloatArray, bool]:
@@ -110,9 +118,9 @@ class SurfaceLoop:
         view = target.at(REACH * ell)
         own = surface_norms(target, source, ell, across)
         # A large cloud's steps take so long that ``stop`` is asked after each two.
-        at_once = self.steps if len(source.arrays.points) <= _SMALL else 2
+        at_once = most if len(source.arrays.points) <= _SMALL else 2
         steady, taken = False, 0
-        while taken < self.steps and not steady and not stop():
+        while taken < most and not steady and not stop():
             found = descend(
                 view.cells, view.arrays, source.arrays, T, ell, across, at_once, self.tolerance
             )
