@@ -221,11 +221,19 @@ def _checked(name: str, value: Any, number: int) -> Any:
     """A value of the column's kind, as JSON has it."""
     if name == "initial":
         return _pose(value, number)
-    kind = str if name in PATHS else _kind(name)
+    kind = _kind(name)
     allowed = (str, int) if name == "pair_id" else _NUMBERS[kind]
     if not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool):
         raise _mixed(name, value, number, _WORDS[kind])
-    return value
+    return _number(name, value, number) if kind is float else value
+
+
+def _number(name: str, value: float, number: int) -> float:
+    """As a float, so that 90 and 90.0 ask for the same."""
+    try:
+        return float(value)
+    except OverflowError:
+        raise _mixed(name, "beyond any float", number, _WORDS[float]) from None
 
 
 def _pose(value: Any, number: int) -> list[list[float]]:
@@ -241,7 +249,7 @@ def _pose(value: Any, number: int) -> list[list[float]]:
         isinstance(row, list) and all(isinstance(x, int | float) for x in row) for row in value
     ):
         raise _mixed("initial", value, number, "4×4 numbers")
-    return value
+    return [[_number("initial", x, number) for x in row] for row in value]
 
 
 def _kind(name: str) -> type:

@@ -28,7 +28,7 @@ from app.batch.results import Results
 from app.batch.shard import shards_of
 from app.batch.worker import BatchWork, ShardWorker
 
-PAIRS, SHARD = 48, 4
+PAIRS, SHARD = 36, 3
 
 needs_ray = pytest.mark.skipif(not ray_is_installed(), reason="Ray isn't installed")
 
