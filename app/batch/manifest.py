@@ -12,7 +12,7 @@ from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import pyarrow as pa
 
-from app.batch.storage import Place, resolved
+from app.batch.storage import Place, absolute, resolved
 from app.schemas import RegisterOptions
 from model.exceptions import EquivAlignError
 
@@ -109,7 +109,7 @@ def read_manifest(address: str, folder: str | None = None) -> Manifest:
     if not rows:
         raise _refusal("it lists no pairs", place.address, "list at least one pair")
     _check_ids(rows)
-    home = place.folder if folder is None else Place.of(folder, "root").address
+    home = place.folder if folder is None else absolute(folder)
     return Manifest(rows, home)
 
 
@@ -221,7 +221,7 @@ def _checked(name: str, value: Any, number: int) -> Any:
     """A value of the column's kind, as JSON has it."""
     if name == "initial":
         return _pose(value, number)
-    kind = _kind(name)
+    kind: Any = _kind(name)
     allowed = (str, int) if name == "pair_id" else _NUMBERS[kind]
     if not isinstance(value, allowed) or (isinstance(value, bool) and kind is not bool):
         raise _mixed(name, value, number, _WORDS[kind])

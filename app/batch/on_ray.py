@@ -7,7 +7,6 @@ import os
 import pickle
 from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
-from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -68,7 +67,7 @@ class _ShardActor:
         }
 
 
-def _started(workers: int, address: str | None) -> ModuleType:
+def _started(workers: int, address: str | None) -> Any:
     """Ray, connected or started, without the dashboard, usage reports and the chatter of both."""
     os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
     # What fails is raised; its log is in the session's folder.

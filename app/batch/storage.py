@@ -53,7 +53,7 @@ class Place:
             StorageError: nothing here can read such an address.
         """
         if "://" not in address:
-            local = str(Path(address).expanduser().absolute())
+            local = absolute(address)
             return cls(local, LocalFileSystem(), local)
         try:
             filesystem, path = _file_system(address)
@@ -138,6 +138,11 @@ class Place:
             self.filesystem,
             posixpath.join(posixpath.dirname(self.path), name),
         )
+
+
+def absolute(address: str) -> str:
+    """A URL as it is, a path as it is from anywhere on this machine."""
+    return address if "://" in address else str(Path(address).expanduser().absolute())
 
 
 def resolved(address: str, folder: str) -> str:
