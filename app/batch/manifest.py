@@ -228,7 +228,7 @@ def _checked(name: str, value: Any, number: int) -> Any:
     return _number(name, value, number) if kind is float else value
 
 
-def _number(name: str, value: float, number: int) -> float:
+def _number(name: str, value: Any, number: int) -> float:
     """As a float, so that 90 and 90.0 ask for the same."""
     try:
         return float(value)

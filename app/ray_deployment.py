@@ -1,0 +1,106 @@
+"""The same service on Ray Serve, with as many replicas as the load asks for.
+
+``serve run app.ray_deployment:build`` serves on this machine, with settings as ``name=value``;
+``deploy/rayservice.yaml`` does so on Kubernetes. Each replica has the bounded queue of
+``equivalign serve``, and its own prepared targets.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import Any
+
+# Before Ray is imported, which reads them.
+os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")
+
+from fastapi import FastAPI
+from ray import serve
+from ray.serve.config import AutoscalingConfig, BackpressureConfig
+
+from app.ray_proxy import RETRY_SECONDS
+from app.service import create_app
+from app.settings import ServiceSettings, read_settings
+from model.exceptions import InvalidOptionError
+
+_MOST_REPLICAS = 8
+# Registrations that a replica has at a time, running or waiting, before there are more replicas.
+_BUSY = 2
+# Probes come in beside a full queue.
+_PROBES = 16
+_MARGIN_SECONDS = 5.0
+
+
+@serve.ingress()
+class Registration:
+    """A replica: the FastAPI app of ``equivalign serve``.
+
+    Args:
+        given: settings that differ from the environment's.
+    """
+
+    def __init__(self, given: dict[str, Any]) -> None:
+        self._app = create_app(settings=read_settings(**given))
+
+    def __serve_build_asgi_app__(self) -> FastAPI:
+        """What Serve hands the requests to."""
+        return self._app
+
+    async def check_health(self) -> None:
+        """Asked before the first request, and then every few seconds.
+
+        Raises:
+            NotReadyError: the artifact can't be used.
+        """
+        await self._app.state.readiness.settled()
+
+
+def build(given: dict[str, str]) -> serve.Application:
+    """The application that ``serve run`` and a Serve configuration name.
+
+    Args:
+        given: settings of the service by name (``artifact``, ``queue``, …), instead of the
+            environment's; ``workers`` is also how many cores a replica takes, by default 1.
+
+    Raises:
+        InvalidOptionError: a setting out of its range, or one that Serve itself has.
+    """
+    settings = _settings(given)
+    inside = settings.workers + settings.queue
+    deployment = serve.deployment(
+        Registration,
+        name="equivalign",
+        ray_actor_options={"num_cpus": settings.workers},
+        autoscaling_config=AutoscalingConfig(
+            min_replicas=1,
+            max_replicas=_MOST_REPLICAS,
+            target_ongoing_requests=_BUSY * settings.workers,
+        ),
+        # The replica's own queue refuses first, since it knows the deadlines.
+        max_ongoing_requests=inside + _PROBES,
+        max_queued_requests=inside,
+        backpressure_config=BackpressureConfig(status_code=429, retry_after_s=RETRY_SECONDS),
+        health_check_period_s=5.0,
+        health_check_timeout_s=30.0,
+        graceful_shutdown_wait_loop_s=0.5,
+        graceful_shutdown_timeout_s=settings.receive_seconds + settings.deadline + _MARGIN_SECONDS,
+    )
+    bound: serve.Application = deployment.bind({**given, "workers": settings.workers})
+    return bound
+
+
+def _settings(given: dict[str, str]) -> ServiceSettings:
+    for name in given:
+        if name in ("host", "port") or name not in ServiceSettings.model_fields:
+            known = (
+                field for field in ServiceSettings.model_fields if field not in ("host", "port")
+            )
+            raise InvalidOptionError(
+                "Serve's proxy has this setting, or nobody",
+                field=name,
+                value=given[name],
+                mend=f"give --host or --port to Serve, or one of {', '.join(known)}",
+            )
+    settings = read_settings(**given)
+    if "workers" in settings.model_fields_set:
+        return settings
+    return read_settings(**{**given, "workers": 1})
