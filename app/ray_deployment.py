@@ -60,10 +60,13 @@ def build(given: dict[str, str]) -> serve.Application:
     Args:
         given: settings of the service by name (``artifact``, ``queue``, …), instead of the
             environment's; ``workers`` is also how many cores a replica takes, by default 1.
+            ``min_replicas`` and ``max_replicas``, by default 1 and 8, bound their number.
 
     Raises:
         InvalidOptionError: a setting out of its range, or one that Serve itself has.
     """
+    given = dict(given)
+    least, most = _replicas(given)
     settings = _settings(given)
     inside = settings.workers + settings.queue
     deployment = serve.deployment(
@@ -71,8 +74,8 @@ def build(given: dict[str, str]) -> serve.Application:
         name="equivalign",
         ray_actor_options={"num_cpus": settings.workers},
         autoscaling_config=AutoscalingConfig(
-            min_replicas=1,
-            max_replicas=_MOST_REPLICAS,
+            min_replicas=least,
+            max_replicas=most,
             target_ongoing_requests=_BUSY * settings.workers,
         ),
         # The replica's own queue refuses first, since it knows the deadlines.
@@ -88,19 +91,32 @@ def build(given: dict[str, str]) -> serve.Application:
     return bound
 
 
+def _replicas(given: dict[str, str]) -> tuple[int, int]:
+    """The bounds, taken out of what is given."""
+    least, most = given.pop("min_replicas", 1), given.pop("max_replicas", _MOST_REPLICAS)
+    try:
+        bounds = int(least), int(most)
+    except ValueError:
+        bounds = (0, 0)
+    if not 0 < bounds[0] <= bounds[1]:
+        raise InvalidOptionError(
+            "these don't bound a number of replicas",
+            field="min_replicas, max_replicas",
+            value=f"{least}, {most}",
+            mend="give whole numbers, 1 or more, the second not below the first",
+        )
+    return bounds
+
+
 def _settings(given: dict[str, str]) -> ServiceSettings:
-    for name in given:
-        if name in ("host", "port") or name not in ServiceSettings.model_fields:
-            known = (
-                field for field in ServiceSettings.model_fields if field not in ("host", "port")
-            )
+    known = sorted(set(ServiceSettings.model_fields) - {"host", "port"})
+    for name, value in given.items():
+        if name not in known:
             raise InvalidOptionError(
-                "Serve's proxy has this setting, or nobody",
+                "the service has no such setting on Ray Serve",
                 field=name,
-                value=given[name],
-                mend=f"give --host or --port to Serve, or one of {', '.join(known)}",
+                value=value,
+                mend=f"there are {', '.join(known)}; the address is in Serve's http_options",
             )
     settings = read_settings(**given)
-    if "workers" in settings.model_fields_set:
-        return settings
-    return read_settings(**{**given, "workers": 1})
+    return settings if "workers" in settings.model_fields_set else read_settings(**given, workers=1)

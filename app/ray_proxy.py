@@ -10,6 +10,7 @@ from http import HTTPStatus
 
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.middleware import Middleware
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from app.problems import MEDIA_TYPE, problem_response
@@ -71,25 +72,32 @@ class ProxyProblems:
             return
         identity = request_id(Headers(scope=scope))
         MutableHeaders(scope=scope)[REQUEST_ID] = identity
-        replaced = False
+        begun = replaced = False
 
         async def send_with_id(message: Message) -> None:
+            nonlocal begun
             if message["type"] == "http.response.start":
+                begun = True
                 MutableHeaders(scope=message)[REQUEST_ID] = identity
             await send(message)
 
         async def send_or_replace(message: Message) -> None:
             nonlocal replaced
-            if message["type"] == "http.response.start":
-                problem = _problem(message)
-                if problem is not None:
-                    replaced = True
-                    answer = problem_response(problem, {"Retry-After": str(RETRY_SECONDS)})
-                    await answer(scope, receive, send_with_id)
+            problem = _problem(message) if message["type"] == "http.response.start" else None
+            if problem is not None:
+                replaced = True
+                await _answer(problem)(scope, receive, send_with_id)
             if not replaced:
                 await send_with_id(message)
 
         await self._app(scope, receive, send_or_replace)
+        if not begun:
+            # What the proxy does when the replica dies.
+            await _answer(_LOST)(scope, receive, send_with_id)
+
+
+def _answer(problem: Problem) -> Response:
+    return problem_response(problem, {"Retry-After": str(RETRY_SECONDS)})
 
 
 def _problem(start: Message) -> Problem | None:

@@ -1,3 +1,4 @@
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -7,7 +8,7 @@ import pytest
 import structlog
 import torch
 from bad_inputs import SMALL
-from servers import SERVERS, Settings, in_process, ray_serve, under_uvicorn
+from servers import SERVERS, RayServe, Settings, in_process, ray_serve, under_uvicorn
 
 from app.api_description import register_example
 from app.example_pair import ExamplePair, example_pair
@@ -16,6 +17,8 @@ from model.artifact import Artifact, save_artifact
 from model.cloud_file import write_points
 from model.encoder import build_encoder
 from model.settings import RegistrarSettings
+
+ALL_ON_RAY = os.environ.get("EQUIVALIGN_RAY_TESTS") == "all"
 
 # Before any service is made, for that would write its log to stderr.
 structlog.configure(logger_factory=structlog.ReturnLoggerFactory())
@@ -57,12 +60,15 @@ def server(request: pytest.FixtureRequest) -> str:
 
 
 @pytest.fixture(scope="session")
-def ray_address(artifact: Path) -> Iterator[str]:
-    """Ray Serve, with the usual settings at / and small ones at /small."""
+def ray(artifact: Path) -> Iterator[RayServe]:
+    """One replica with the usual settings at /, one with small ones at /small, two at /two."""
+    pytest.importorskip("ray", reason="Ray isn't installed")
     given = {"artifact": str(artifact)}
-    small = {name: str(value) for name, value in SMALL.items()}
-    with ray_serve({"/": given, "/small": given | small}) as address:
-        yield address
+    routes: dict[str, Settings] = {"/": given, "/two": given | {"min_replicas": "2"}}
+    if ALL_ON_RAY:
+        routes["/small"] = given | {name: str(value) for name, value in SMALL.items()}
+    with ray_serve(routes) as running:
+        yield running
 
 
 @pytest.fixture(scope="session")
@@ -74,6 +80,8 @@ def client(server: str, artifact: Path, request: pytest.FixtureRequest) -> Itera
 @pytest.fixture(scope="session")
 def small(server: str, artifact: Path, request: pytest.FixtureRequest) -> Iterator[httpx2.Client]:
     """A service that accepts little, so that too much is quickly sent; one job at a time."""
+    if server == "ray-serve" and not ALL_ON_RAY:
+        pytest.skip("EQUIVALIGN_RAY_TESTS isn't set to all: takes another minute")
     with _served(server, artifact, SMALL, request) as client:
         yield client
         # After all that was asked it still registers.
@@ -85,7 +93,7 @@ def _served(
     server: str, artifact: Path, settings: Settings, request: pytest.FixtureRequest
 ) -> Iterator[httpx2.Client]:
     if server == "ray-serve":
-        address = request.getfixturevalue("ray_address") + ("/small" if settings else "")
+        address = request.getfixturevalue("ray").address + ("/small" if settings else "")
         with httpx2.Client(base_url=address, timeout=60) as client:
             yield client
     else:

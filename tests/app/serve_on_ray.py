@@ -1,4 +1,7 @@
-"""Serves on Ray until its input ends: ``serve_on_ray.py PORT {"/route": settings, …}``."""
+"""Serves on Ray until its input ends: ``serve_on_ray.py PORT {"/route": settings, …}``.
+
+A line with a route ends the application there.
+"""
 
 from __future__ import annotations
 
@@ -27,11 +30,17 @@ def main(port: str, routes: str) -> None:
     serve.start(http_options={"host": "127.0.0.1", "port": int(port)})
     for route, settings in json.loads(routes).items():
         serve.run(build(settings), name=f"service{route.replace('/', '-')}", route_prefix=route)
-    sys.stdout.write("serving\n")
-    sys.stdout.flush()
-    sys.stdin.read()
+    tell("serving")
+    for line in sys.stdin:
+        serve.delete(f"service{line.strip().replace('/', '-')}")
+        tell("deleted")
     serve.shutdown()
     ray.shutdown()
+
+
+def tell(what: str) -> None:
+    sys.stdout.write(f"{what}\n")
+    sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx2
+import psutil
 from fastapi.testclient import TestClient
 from service_contract import wait_until_ready
 
@@ -57,24 +58,52 @@ def under_uvicorn(artifact: Path, settings: Settings) -> Iterator[httpx2.Client]
         process.wait()
 
 
+class RayServe:
+    """Ray with an application at each route, in a process of its own.
+
+    Attributes:
+        address: of Serve's proxy.
+        process: that started Ray.
+    """
+
+    def __init__(self, routes: Mapping[str, Settings]) -> None:
+        port = free_port()
+        self.address = f"http://127.0.0.1:{port}"
+        self.process = subprocess.Popen(
+            [sys.executable, str(HERE / "serve_on_ray.py"), str(port), json.dumps(routes)],
+            env={**os.environ, "OMP_NUM_THREADS": "1"},
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+        )
+
+    def wait_for(self, line: str) -> None:
+        """Read until the script says so; Ray itself says something else now and then."""
+        assert self.process.stdout is not None
+        assert f"{line}\n" in self.process.stdout
+
+    def delete(self, route: str) -> None:
+        """Have an application shut down; it is when ``wait_for("deleted")`` returns."""
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{route}\n")
+        self.process.stdin.flush()
+
+    def replicas(self, route: str) -> list[int]:
+        """The process ids of an application's replicas."""
+        name = f"ray::ServeReplica:service{route.replace('/', '-')}:"
+        below = psutil.Process(self.process.pid).children(recursive=True)
+        return [child.pid for child in below if name in "".join(child.cmdline())]
+
+
 @contextmanager
-def ray_serve(routes: Mapping[str, Settings]) -> Iterator[str]:
-    """The address of Serve's proxy, with an application of one replica at each route."""
-    port = free_port()
-    words = [sys.executable, str(HERE / "serve_on_ray.py"), str(port), json.dumps(routes)]
-    environment = {**os.environ, "OMP_NUM_THREADS": "1"}
-    with subprocess.Popen(
-        words,
-        env=environment,
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.DEVNULL,
-        text=True,
-    ) as process:
+def ray_serve(routes: Mapping[str, Settings]) -> Iterator[RayServe]:
+    """Serve at these routes for the time of the block."""
+    ray = RayServe(routes)
+    with ray.process as process:
         try:
-            assert process.stdout is not None
-            assert process.stdout.readline() == "serving\n"
-            yield f"http://127.0.0.1:{port}"
+            ray.wait_for("serving")
+            yield ray
             assert process.stdin is not None
             process.stdin.close()
             process.wait(60)
