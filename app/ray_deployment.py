@@ -8,6 +8,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping
 from typing import Any
 
 # Before Ray is imported, which reads them.
@@ -54,7 +55,7 @@ class Registration:
         await self._app.state.readiness.settled()
 
 
-def build(given: dict[str, str]) -> serve.Application:
+def build(given: Mapping[str, Any]) -> serve.Application:
     """The application that ``serve run`` and a Serve configuration name.
 
     Args:
@@ -65,9 +66,9 @@ def build(given: dict[str, str]) -> serve.Application:
     Raises:
         InvalidOptionError: a setting out of its range, or one that Serve itself has.
     """
-    given = dict(given)
-    least, most = _replicas(given)
-    settings = _settings(given)
+    settings_given = dict(given)
+    least, most = _replicas(settings_given)
+    settings = _settings(settings_given)
     inside = settings.workers + settings.queue
     deployment = serve.deployment(
         Registration,
@@ -87,16 +88,16 @@ def build(given: dict[str, str]) -> serve.Application:
         graceful_shutdown_wait_loop_s=0.5,
         graceful_shutdown_timeout_s=settings.receive_seconds + settings.deadline + _MARGIN_SECONDS,
     )
-    bound: serve.Application = deployment.bind({**given, "workers": settings.workers})
+    bound: serve.Application = deployment.bind({**settings_given, "workers": settings.workers})
     return bound
 
 
-def _replicas(given: dict[str, str]) -> tuple[int, int]:
+def _replicas(given: dict[str, Any]) -> tuple[int, int]:
     """The bounds, taken out of what is given."""
     least, most = given.pop("min_replicas", 1), given.pop("max_replicas", _MOST_REPLICAS)
     try:
         bounds = int(least), int(most)
-    except ValueError:
+    except (TypeError, ValueError):
         bounds = (0, 0)
     if not 0 < bounds[0] <= bounds[1]:
         raise InvalidOptionError(
@@ -108,7 +109,7 @@ def _replicas(given: dict[str, str]) -> tuple[int, int]:
     return bounds
 
 
-def _settings(given: dict[str, str]) -> ServiceSettings:
+def _settings(given: Mapping[str, Any]) -> ServiceSettings:
     known = sorted(set(ServiceSettings.model_fields) - {"host", "port"})
     for name, value in given.items():
         if name not in known:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import os
 import signal
 import threading
@@ -9,6 +10,7 @@ import time
 from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
+from pathlib import Path
 
 import httpx2
 import numpy as np
@@ -22,6 +24,9 @@ from starlette.routing import Route
 
 pytest.importorskip("ray", reason="Ray isn't installed")
 
+import yaml
+from ray.serve.schema import ServeDeploySchema
+
 from app.api_description import register_example
 from app.client import Client
 from app.example_pair import ExamplePair
@@ -29,9 +34,12 @@ from app.problems import problem_response
 from app.ray_deployment import build
 from app.ray_proxy import ProxyProblems, middlewares
 from app.schemas import Problem
+from app.settings import ServiceSettings
 from model.exceptions import InvalidOptionError
 
 CALLERS, EACH = 4, 10
+ROOT = Path(__file__).resolve().parents[2]
+PROXY_CALLBACK = "RAY_SERVE_HTTP_PROXY_CALLBACK_IMPORT_PATH"
 # Without an end of its own, the gradient solver works until the deadline.
 SLOW = {"solver": "gradient", "deadline": 4.0}
 
@@ -199,3 +207,37 @@ def test_a_deployment_follows_its_settings(monkeypatch: pytest.MonkeyPatch) -> N
     assert config._deployment_config.autoscaling_config.max_replicas == 5
     assert config._deployment_config.graceful_shutdown_timeout_s > 90
     assert build({})._bound_deployment.ray_actor_options["num_cpus"] == 1
+
+
+def test_the_cluster_is_told_what_there_is() -> None:
+    (document,) = yaml.safe_load_all((ROOT / "deploy/rayservice.yaml").read_text())
+    spec = document["spec"]
+    serve = ServeDeploySchema.model_validate(yaml.safe_load(spec["serveConfigV2"]))
+    (application,) = serve.applications
+    module, _, name = application.import_path.partition(":")
+    deployment = getattr(importlib.import_module(module), name)(application.args)._bound_deployment
+
+    cluster = spec["rayClusterConfig"]
+    pins = (ROOT / "constraints.txt").read_text()
+    dockerfile = (ROOT / "deploy/ray.Dockerfile").read_text()
+    assert f"\nray=={cluster['rayVersion']}\n" in pins
+    assert f"\nARG RAY={cluster['rayVersion']}\n" in dockerfile
+    (group,) = cluster["workerGroupSpecs"]
+    cores = int(group["rayStartParams"]["num-cpus"])
+    assert deployment.ray_actor_options["num_cpus"] == cores
+    scaling = deployment._deployment_config.autoscaling_config
+    assert (scaling.min_replicas, scaling.max_replicas) == (
+        group["minReplicas"],
+        group["maxReplicas"],
+    )
+    pod = group["template"]["spec"]
+    graceful = deployment._deployment_config.graceful_shutdown_timeout_s
+    assert pod["terminationGracePeriodSeconds"] > graceful
+    settings = {f"EQUIVALIGN_{field.upper()}" for field in ServiceSettings.model_fields}
+    for template in (cluster["headGroupSpec"]["template"], group["template"]):
+        (container,) = template["spec"]["containers"]
+        variables = {each["name"]: each.get("value") for each in container["env"]}
+        assert {name for name in variables if name.startswith("EQUIVALIGN_")} <= settings
+        assert variables[PROXY_CALLBACK] == "app.ray_proxy.middlewares"
+        assert container["image"] == "equivalign:ray"
+        assert container["resources"]["limits"]["cpu"] in (str(cores), "1")
