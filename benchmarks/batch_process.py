@@ -50,7 +50,7 @@ class BatchRun:
     around_mib: float
 
 
-def run_batch(manifest: Path, out: Path, engine: str, workers: int) -> BatchRun:
+def run_batch(manifest: Path, out: Path, engine: str, workers: int, shard: int = 32) -> BatchRun:
     """Run the batch once into a new folder.
 
     Args:
@@ -58,13 +58,14 @@ def run_batch(manifest: Path, out: Path, engine: str, workers: int) -> BatchRun:
         out: the results' folder, not there yet.
         engine: ``ray`` or ``processes``.
         workers: at most as many as there are cores.
+        shard: pairs in a shard.
 
     Raises:
         EquivAlignError: the batch failed.
     """
     command = [str(Path(sys.executable).with_name("equivalign")), "batch", str(manifest)]
     command += ["--out", str(out), "--engine", engine, "--workers", str(workers), "--json"]
-    command += ["--shard", "32"]
+    command += ["--shard", str(shard)]
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "NUMBA_NUM_THREADS": "1"}
     began = time.time()
     process = subprocess.Popen(
@@ -103,14 +104,19 @@ def result_bytes(out: Path) -> int:
     return sum(path.stat().st_size for path in out.glob("*.parquet"))
 
 
+def shard_seconds(out: Path) -> dict[Path, list[float]]:
+    """Seconds of each pair, by shard, in the manifest's order."""
+    return {
+        path: pq.read_table(path, columns=["seconds"])["seconds"].to_pylist()
+        for path in sorted(out.glob("*.parquet"))
+    }
+
+
 def _first_and_last(out: Path) -> tuple[float, float]:
     """When the first shard was begun and the last one written."""
-    begun, written = [], []
-    for path in out.glob("*.parquet"):
-        end = path.stat().st_mtime
-        written.append(end)
-        begun.append(end - sum(pq.read_table(path, columns=["seconds"])["seconds"].to_pylist()))
-    return min(begun), max(written)
+    ends = {path: path.stat().st_mtime for path in out.glob("*.parquet")}
+    begun = [ends[path] - sum(seconds) for path, seconds in shard_seconds(out).items()]
+    return min(begun), max(ends.values())
 
 
 class _Watch:

@@ -1,7 +1,8 @@
 """``scaling``: a batch on one process, on one worker and on several; what grows and what doesn't.
 
 Each part is a run of its own, so that the machine can be left alone meanwhile: first
-``--part alone``, then ``--part workers --workers 1``, then ``2``, and ``--part report``.
+``--part alone``, then ``--part workers --workers 1``, then ``2``, ``--part driver``, and
+``--part report``.
 """
 
 from __future__ import annotations
@@ -19,17 +20,19 @@ import numpy as np
 import torch
 
 from benchmarks.batch_pairs import write_batch
-from benchmarks.batch_process import result_bytes, results, run_batch
+from benchmarks.batch_process import result_bytes, results, run_batch, shard_seconds
 from benchmarks.folder import make_folder
 from benchmarks.provenance import Provenance
 from benchmarks.results import FORMAT_VERSION, read_json, write_json
-from benchmarks.scaling_report import scaling_sheets
+from benchmarks.scaling_report import Measurements, scaling_sheets
 from benchmarks.speed_file import SpeedResults
 from benchmarks.table import print_sheets, wide_console
 from model import Registrar
 from model.exceptions import InvalidOptionError
 
-_ALONE = "alone"
+_ALONE, _DRIVER = "alone", "driver"
+# Shards of pairs that cost nothing.
+_FEW, _MANY, _SIZE = 50, 1000, 64
 
 
 def scaling_command(arguments: list[str], command: str) -> int:
@@ -46,6 +49,8 @@ def scaling_command(arguments: list[str], command: str) -> int:
         _keep(folder, _ALONE, command, _register_alone(manifest, folder))
     elif given.part == "workers":
         _keep(folder, f"{given.engine}-{given.workers}", command, _on_workers(given, manifest))
+    elif given.part == "driver":
+        _keep(folder, _DRIVER, command, _driver(given))
     elif given.part == "report":
         return _report(given, command)
     return 0
@@ -97,6 +102,22 @@ def _on_workers(given: Any, manifest: Path) -> dict[str, Any]:
     }
 
 
+def _driver(given: Any) -> dict[str, Any]:
+    """What a shard costs beside its pairs: those here fail at once, for want of their clouds."""
+    seconds = {}
+    for shards in (_FEW, _MANY):
+        folder = given.folder / f"empty-{shards}"
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir()
+        row = json.dumps({"source": "nowhere.npy", "target": "nowhere.npy"})
+        manifest = folder / "pairs.jsonl"
+        manifest.write_text(f"{row}\n" * (shards * _SIZE))
+        run = run_batch(manifest, folder / "out", given.engine, given.workers, _SIZE)
+        seconds[shards] = run.work_seconds
+    spent = (seconds[_MANY] - seconds[_FEW]) / (_MANY - _FEW)
+    return {"engine": given.engine, "workers": given.workers, "seconds_a_shard": spent}
+
+
 def _input_bytes(manifest: Path) -> int:
     return sum(path.stat().st_size for path in manifest.parent.glob("*.npy"))
 
@@ -112,33 +133,48 @@ def _keep(folder: Path, name: str, command: str, measured: dict[str, Any]) -> No
 
 def _report(given: Any, command: str) -> int:
     parts = {path.stem: read_json(path) for path in sorted(given.folder.glob("*.json"))}
-    if _ALONE not in parts or len(parts) < 2:
+    if not {_ALONE, _DRIVER} < parts.keys():
         raise InvalidOptionError(
             "nothing to compare yet",
             field="part",
             value="report",
-            mend="measure --part alone first, then --part workers at least once",
+            mend="measure --part alone, --part workers at least once, and --part driver",
         )
-    alone = parts.pop(_ALONE)
-    sheets = scaling_sheets(
-        alone["measured"], [part["measured"] for part in parts.values()], given.points
+    alone, driver = parts.pop(_ALONE), parts.pop(_DRIVER)
+    measured = Measurements(
+        alone["measured"],
+        [part["measured"] | _seconds(given.folder, name) for name, part in parts.items()],
+        driver["measured"]["seconds_a_shard"],
+        given.points,
     )
+    sheets = scaling_sheets(measured, given.extrapolate)
     print_sheets(sheets, wide_console())
     if given.out is not None:
-        runs = [Provenance(**part["run"]) for part in (alone, *parts.values())]
+        runs = [Provenance(**part["run"]) for part in (alone, *parts.values(), driver)]
         settings = {"pairs": given.pairs, "points": given.points, "seed": given.seed}
         SpeedResults(settings, runs, {}, sheets, "scaling").write(given.out)
     return 0
 
 
+def _seconds(folder: Path, name: str) -> dict[str, list[float]]:
+    """Of every shard and every pair of a run."""
+    shards = list(shard_seconds(folder / f"results-{name}").values())
+    return {"shard_seconds": list(map(sum, shards)), "pair_seconds": [s for p in shards for s in p]}
+
+
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(prog="equivalign benchmark scaling", description=__doc__)
     parser.add_argument("folder", type=Path, metavar="FOLDER", help="of pairs and measurements")
-    parser.add_argument("--part", choices=["pairs", "alone", "workers", "report"], default="report")
+    parser.add_argument(
+        "--part", choices=["pairs", "alone", "workers", "driver", "report"], default="report"
+    )
     parser.add_argument("--engine", choices=["ray", "processes"], default="ray")
     parser.add_argument("--workers", type=int, default=1, metavar="N", help="default 1")
     parser.add_argument("--pairs", type=int, default=2000, metavar="N", help="default 2000")
     parser.add_argument("--points", type=int, default=512, metavar="N", help="default 512")
+    parser.add_argument(
+        "--extrapolate", type=int, default=1_000_000, metavar="N", help="pairs; default a million"
+    )
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, metavar="FILE", help="the report as JSON")
     return parser

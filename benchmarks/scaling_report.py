@@ -1,90 +1,88 @@
-"""The tables of ``scaling``: costs of a pair, a prediction from them, and what was measured."""
+"""The tables of ``scaling``: costs of a pair, what they predict, and what was measured."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from benchmarks.scaling_model import drawn_shards, simulated
 from benchmarks.sheet import Sheet
 
 Measured = dict[str, Any]
 
+_SHARDS = (16, 64)
+_WORKERS = (1, 2, 10, 100, 1000)
 
-def predicted_seconds(one: Measured, workers: int) -> float:
-    """What so many workers should take for the work that one did, if they share nothing.
 
-    Args:
-        one: measured with one worker.
-        workers: each on a core of its own.
+@dataclass(frozen=True, slots=True)
+class Measurements:
+    """All parts that were measured.
+
+    Attributes:
+        alone: in a single process, without an engine.
+        runs: with each engine and number of workers.
+        dispatch_seconds: that the driver needs for one shard.
+        points: of each cloud.
     """
-    seconds: float = one["work_seconds"] / workers
-    return seconds
+
+    alone: Measured
+    runs: Sequence[Measured]
+    dispatch_seconds: float
+    points: int
+
+    def one_worker(self, engine: str) -> Measured | None:
+        """The run of the same engine on one worker."""
+        same = [run for run in self.runs if (run["engine"], run["workers"]) == (engine, 1)]
+        return same[0] if same else None
 
 
-def scaling_sheets(alone: Measured, runs: Sequence[Measured], points: int) -> list[Sheet]:
+def scaling_sheets(measured: Measurements, pairs: int) -> list[Sheet]:
     """The tables.
 
     Args:
-        alone: measured in a single process, without an engine.
-        runs: measured with each number of workers.
-        points: of each cloud.
+        measured: all parts.
+        pairs: of the batch that is extrapolated to.
     """
-    return [_growth_sheet(alone, runs), _cost_sheet(runs[0], points)]
+    return [_measured(measured), _costs(measured), _extrapolated(measured, pairs)]
 
 
-def _growth_sheet(alone: Measured, runs: Sequence[Measured]) -> Sheet:
-    rows = [
-        [
-            "single process",
-            "–",
-            f"{alone['work_seconds']:.1f}",
-            f"{alone['pairs'] / alone['work_seconds']:.2f}",
-            "–",
-            "–",
-            "–",
-            "–",
+def _measured(measured: Measurements) -> Sheet:
+    alone = measured.alone
+    rate = alone["pairs"] / alone["work_seconds"]
+    dash = "–"
+    rows = [["single process", dash, f"{alone['work_seconds']:.1f}", f"{rate:.2f}", *[dash] * 4]]
+    for run in measured.runs:
+        row = [
+            f"{run['engine']}, {run['workers']}",
+            f"{run['start_seconds']:.1f}",
+            f"{run['work_seconds']:.1f}",
+            f"{run['pairs'] / run['work_seconds']:.2f}",
         ]
-    ]
-    for run in runs:
-        one = next((r for r in runs if r["workers"] == 1 and r["engine"] == run["engine"]), None)
-        rows.append(
-            [
-                f"{run['engine']}, {run['workers']}",
-                f"{run['start_seconds']:.1f}",
-                f"{run['work_seconds']:.1f}",
-                f"{run['pairs'] / run['work_seconds']:.2f}",
-                "–" if one is None else f"{predicted_seconds(one, run['workers']):.1f}",
-                "–" if one is None else f"{one['work_seconds'] / run['work_seconds']:.2f}",
-                "–" if one is None else f"{one['whole_seconds'] / run['whole_seconds']:.2f}",
-                f"{run['equal_to_alone']} of {run['pairs']}",
+        one = measured.one_worker(run["engine"])
+        if one is None:
+            row += [dash] * 3
+        else:
+            expected = simulated(one["shard_seconds"], run["workers"], measured.dispatch_seconds)
+            row += [
+                f"{expected.seconds:.1f}",
+                f"{one['work_seconds'] / run['work_seconds']:.2f}",
+                f"{one['whole_seconds'] / run['whole_seconds']:.2f}",
             ]
-        )
-    return Sheet(
-        f"{alone['pairs']} pairs",
-        [
-            "engine, workers",
-            "start, s",
-            "work, s",
-            "pairs/s",
-            "predicted work, s",
-            "× one worker",
-            "× with start and end",
-            "poses equal bit for bit",
-        ],
-        rows,
-        note="Each worker is pinned to one core and has one thread. Start is from the command to "
-        "the first pair.",
-    )
+        rows.append([*row, f"{run['equal_to_alone']} of {run['pairs']}"])
+    head = ["engine, workers", "start, s", "work, s", "pairs/s", "predicted work, s"]
+    head += ["× one worker", "× with start and end", "poses equal bit for bit"]
+    note = "Each worker is pinned to one core and has one thread. Start is from the command to the "
+    note += "first pair."
+    return Sheet(f"{alone['pairs']} pairs", head, rows, note=note)
 
 
-def _cost_sheet(run: Measured, points: int) -> Sheet:
+def _costs(measured: Measurements) -> Sheet:
+    run = measured.runs[0]
     stages = {"reading": run["reading_seconds"], **run["stage_seconds"]}
     total = stages.pop("total")
-    other = run["row_seconds"] - run["reading_seconds"] - total
-    rows = [
-        [f"{stage}, ms", f"{seconds * 1000:.1f}"]
-        for stage, seconds in {**stages, "all else": other}.items()
-    ]
+    stages["all else"] = run["row_seconds"] - run["reading_seconds"] - total
+    rows = [[f"{stage}, ms", f"{seconds * 1000:.1f}"] for stage, seconds in stages.items()]
     rows += [
         ["a pair, ms", f"{run['row_seconds'] * 1000:.1f}"],
         ["pairs/s a core", f"{1.0 / run['row_seconds']:.2f}"],
@@ -92,10 +90,30 @@ def _cost_sheet(run: Measured, points: int) -> Sheet:
         ["written a pair, kB", f"{run['result_bytes'] / 1000:.1f}"],
         ["a worker's own memory, MiB", f"{run['worker_mib']:.0f}"],
         ["all other processes, MiB", f"{run['around_mib']:.0f}"],
+        ["the driver for a shard, ms", f"{measured.dispatch_seconds * 1000:.1f}"],
     ]
+    title = f"Costs of a pair of two clouds of {measured.points} points"
+    return Sheet(f"{title}, {run['engine']}, {run['workers']} worker", ["cost", "mean"], rows)
+
+
+def _extrapolated(measured: Measurements, pairs: int) -> Sheet:
+    rows = []
+    for size in _SHARDS:
+        shards = drawn_shards(measured.runs[0]["pair_seconds"], pairs, size)
+        for workers in _WORKERS:
+            growth = simulated(shards, workers, measured.dispatch_seconds)
+            rows.append(
+                [
+                    str(size),
+                    str(workers),
+                    f"{growth.seconds / 60:.1f}",
+                    f"{pairs / growth.seconds:.0f}",
+                    f"{growth.efficiency:.0%}",
+                ]
+            )
     return Sheet(
-        f"Costs of a pair of two clouds of {points} points, {run['engine']}, "
-        f"{run['workers']} worker",
-        ["cost", "mean"],
+        f"Simulated: {pairs} such pairs",
+        ["pairs a shard", "workers", "minutes", "pairs/s", "workers busy"],
         rows,
+        labels=2,
     )

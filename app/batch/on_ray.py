@@ -13,9 +13,14 @@ import numpy as np
 
 from app.batch.shard import Shard
 from app.batch.worker import BatchWork, ShardDone, ShardWorker
+from model.exceptions import EquivAlignError
 
 # The workers write their results themselves; what goes through Ray's memory are lists of rows.
 _OBJECT_STORE_BYTES = 256 * 2**20
+
+
+class RayFailedError(EquivAlignError):
+    """Ray can't carry out the batch."""
 
 
 def ray_is_installed() -> bool:
@@ -35,7 +40,8 @@ def run_on_ray(
         address: of a cluster; None starts Ray on this machine for the time of the batch.
 
     Raises:
-        ray.exceptions.RayError: Ray itself failed, or a worker can't write its results.
+        EquivAlignError: what a worker refuses, as when it can't write its results.
+        RayFailedError: Ray itself failed.
     """
     ray = _started(workers, address)
     try:
@@ -50,6 +56,8 @@ def run_on_ray(
         )
         for row in done.iter_rows():
             yield ShardDone(**row)
+    except ray.exceptions.RayError as error:
+        raise _refusal(error) from error
     finally:
         ray.shutdown()
 
@@ -65,6 +73,23 @@ class _ShardActor:
         return {
             name: np.array([getattr(one, name) for one in done]) for name in ShardDone.__slots__
         }
+
+
+def _refusal(error: BaseException) -> EquivAlignError:
+    """What a worker refused, out of what Ray wraps around it; or that Ray itself failed."""
+    inner: BaseException | None = error
+    while inner is not None:
+        told = getattr(inner, "cause", None)
+        for candidate in (told, inner):
+            if isinstance(candidate, EquivAlignError) and not hasattr(candidate, "cause"):
+                return candidate
+        inner = inner.__cause__
+    return RayFailedError(
+        f"Ray failed: {str(error).strip().splitlines()[-1]}",
+        field="engine",
+        value="ray",
+        mend="run the same command again; the log is in Ray's session folder",
+    )
 
 
 def _started(workers: int, address: str | None) -> Any:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import multiprocessing
 import os
+import signal
 import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -28,7 +29,7 @@ def run_in_processes(shards: Sequence[Shard], work: BatchWork, workers: int) -> 
 
     Raises:
         WorkersDieError: again and again, without one shard being finished.
-        OSError: the results can't be written.
+        StorageError: the results can't be written.
     """
     waiting = {shard.name: shard for shard in shards}
     failures = 0
@@ -82,6 +83,8 @@ _worker: ShardWorker
 
 def _begin(work: BatchWork) -> None:
     global _worker
+    # An interrupt ends the workers at once and silently; what they had begun is begun anew.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     threading.Thread(target=_end_with_the_driver, daemon=True).start()
     _worker = ShardWorker(work)
 

@@ -67,9 +67,17 @@ class Results:
         """Write a shard's results.
 
         Raises:
-            OSError: they can't be written.
+            StorageError: they can't be written.
         """
-        self._write(shard.name, table_of(records))
+        try:
+            self._write(shard.name, table_of(records))
+        except OSError as error:
+            raise StorageError(
+                f"the results can't be written: {error.strerror or error}",
+                field="out",
+                value=self.place.address,
+                mend="see to it that every worker can write there, and run the same command again",
+            ) from error
 
     def begin(self, shard: Shard) -> int:
         """Note that somebody begins a shard; how many did so before and never ended."""

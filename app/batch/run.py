@@ -91,12 +91,13 @@ def run_batch(batch: Batch, progress: Progress) -> dict[str, Any]:
 def _run(batch: Batch, shards: Sequence[Shard], work: BatchWork) -> Iterator[ShardDone]:
     if not shards:
         return iter(())
-    if _engine(batch) == "ray":
+    if engine_of(batch) == "ray":
         return run_on_ray(shards, work, batch.workers, batch.address)
     return run_in_processes(shards, work, batch.workers)
 
 
-def _engine(batch: Batch) -> Engine:
+def engine_of(batch: Batch) -> Engine:
+    """The engine that is asked for, or Ray where it is installed."""
     return batch.engine or ("ray" if ray_is_installed() else "processes")
 
 
@@ -113,7 +114,7 @@ def _check(batch: Batch) -> None:
             value="ray",
             mend="pip install 'equivalign[ray]', or choose processes",
         )
-    if batch.address is not None and _engine(batch) != "ray":
+    if batch.address is not None and engine_of(batch) != "ray":
         raise InvalidOptionError(
             "only Ray has clusters",
             field="address",
@@ -149,6 +150,6 @@ def _summary(
         "seconds": round(seconds, 3),
         "pairs_per_second": round(registered / seconds, 3) if registered else None,
         "workers": batch.workers,
-        "engine": _engine(batch),
+        "engine": engine_of(batch),
         "results": results.place.address,
     }

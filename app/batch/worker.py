@@ -86,7 +86,7 @@ class ShardWorker:
         """Register a shard and write it, unless it is written already.
 
         Raises:
-            OSError: the results can't be written.
+            StorageError: the results can't be written.
         """
         started = perf_counter()
         if self._results.has(shard):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import json
+import re
 import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -12,22 +13,25 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pa = pytest.importorskip("pyarrow", reason="pyarrow isn't installed")
-import pyarrow.parquet as pq  # noqa: E402
-from batch_run import poses, registered_alone, results, write_pairs  # noqa: E402
+pytest.importorskip("pyarrow", reason="pyarrow isn't installed")
+import pyarrow as pa
+import pyarrow.parquet as pq
+from batch_run import poses, registered_alone, results, write_pairs
 
-from app.batch import run as batch_run_module  # noqa: E402
-from app.batch.manifest import COLUMNS, ManifestError, ManifestRow, read_manifest  # noqa: E402
-from app.batch.pair import PairRegistrar  # noqa: E402
-from app.batch.result_table import RESULT_SCHEMA, table_of  # noqa: E402
-from app.batch.results import Results  # noqa: E402
-from app.batch.shard import shards_of  # noqa: E402
-from app.batch.storage import Place  # noqa: E402
-from app.batch.worker import ShardWorker  # noqa: E402
-from app.command_line import main  # noqa: E402
-from app.schemas import RegisterOptions, RegisterResponse  # noqa: E402
-from model import Registrar  # noqa: E402
+from app.batch import run as batch_run_module
+from app.batch.manifest import COLUMNS, ManifestError, ManifestRow, read_manifest
+from app.batch.pair import PairRegistrar
+from app.batch.result_table import RESULT_SCHEMA, table_of
+from app.batch.results import Results
+from app.batch.run import Batch, engine_of
+from app.batch.shard import shards_of
+from app.batch.storage import Place, StorageError
+from app.batch.worker import ShardWorker
+from app.command_line import main
+from app.schemas import RegisterOptions, RegisterResponse
+from model import Registrar
 
+ROOT = Path(__file__).resolve().parents[2]
 TWO = {"source": ["a.npy", "b.npy"], "target": ["c.npy", "d.npy"]}
 JSONL = '{"source": "a.npy", "target": "b.npy"}\n'
 
@@ -376,7 +380,7 @@ def test_results_in_a_remote_storage(
     assert store.forget_errors() == 0
 
 
-def test_a_file_is_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_is_complete_or_not_there(tmp_path: Path) -> None:
     place = Place.of(str(tmp_path / "file"), "out")
     place.write(b"old")
 
@@ -394,6 +398,24 @@ def test_a_file_is_complete_or_not_there(tmp_path: Path, monkeypatch: pytest.Mon
         def open_output_stream(self, _: str) -> Full:
             return Full()
 
+    full = Place(place.address, Storage(), place.path)
     with pytest.raises(OSError, match="No space left"):
-        Place(place.address, Storage(), place.path).write(b"new")
+        full.write(b"new")
     assert place.read() == b"old"
+    (shard,) = shards_of([row()], "x", 1)
+    with pytest.raises(StorageError, match="out: the results can't be written: No space left"):
+        Results(full).write(shard, [])
+
+
+def test_the_engine_is_ray_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = Batch("p.csv", "out", None, None, 1)
+    for installed, engine in ((True, "ray"), (False, "processes")):
+        monkeypatch.setattr(batch_run_module, "ray_is_installed", lambda there=installed: there)
+        assert engine_of(asked) == engine
+
+
+def test_the_guide_names_every_column() -> None:
+    guide = (ROOT / "docs" / "beyond-one-machine.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (`.*?) \|", guide, re.MULTILINE)
+    named = {name for cell in rows for name in re.findall(r"`(\w+)`", cell)}
+    assert named >= {*COLUMNS, *RESULT_SCHEMA.names}
