@@ -56,7 +56,7 @@ def _parser() -> ArgumentParser:
         "--address", metavar="ADDRESS", help="of a Ray cluster, or auto; default: this machine"
     )
     parser.add_argument(
-        "--shard", type=int, default=64, metavar="PAIRS", help="pairs in a file; default 64"
+        "--shard", type=int, metavar="PAIRS", help="pairs in a file; default up to 64"
     )
     parser.add_argument(
         "--root", metavar="FOLDER", help="what paths are relative to; default: the manifest's"

@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import json
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 from uuid import uuid4
@@ -69,21 +70,19 @@ class Results:
         Raises:
             StorageError: they can't be written.
         """
-        try:
+        with self._storing():
             self._write(shard.name, table_of(records))
-        except OSError as error:
-            raise StorageError(
-                f"the results can't be written: {error.strerror or error}",
-                field="out",
-                value=self.place.address,
-                mend="see to it that every worker can write there, and run the same command again",
-            ) from error
 
     def begin(self, shard: Shard) -> int:
-        """Note that somebody begins a shard; how many did so before and never ended."""
+        """Note that somebody begins a shard; how many did so before and never ended.
+
+        Raises:
+            StorageError: it can't be noted.
+        """
         attempts = self.place.child(_ATTEMPTS)
-        before = [name for name in attempts.files() if name.startswith(shard.name)]
-        attempts.child(f"{shard.name}.{uuid4().hex}").write(b"begun")
+        with self._storing():
+            before = [name for name in attempts.files() if name.startswith(shard.name)]
+            attempts.child(f"{shard.name}.{uuid4().hex}").write(b"begun")
         return len(before)
 
     def end(self, shard: Shard) -> None:
@@ -158,6 +157,18 @@ class Results:
         """
         text = json.dumps(document, indent=2, allow_nan=False)
         self.place.child(SUMMARY).write(text.encode())
+
+    @contextmanager
+    def _storing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            raise StorageError(
+                f"the results can't be written: {error.strerror or error}",
+                field="out",
+                value=self.place.address,
+                mend="see to it that every worker can write there, and run the same command again",
+            ) from error
 
     def _names(self) -> list[str]:
         return [name for name in self.place.files() if name.endswith(".parquet") and name[0] != "."]

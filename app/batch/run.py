@@ -25,6 +25,7 @@ Engine = Literal["ray", "processes"]
 Progress = Callable[[int, ShardDone | None], None]
 
 _TRUSTED = 0.9
+_LARGEST_SHARD, _SHARDS_A_WORKER = 64, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +39,8 @@ class Batch:
         engine: ``ray`` or ``processes``; None takes Ray where it is installed.
         workers: of one core each.
         address: of a Ray cluster; None for this machine.
-        shard: pairs in a file; a killed worker loses no more.
+        shard: pairs in a file, and what a killed worker loses at most; None for up to 64, fewer
+            where workers would have nothing to do.
         root: what relative paths are relative to; None for the manifest's folder.
         retry_errors: register anew what had an error.
     """
@@ -49,7 +51,7 @@ class Batch:
     engine: Engine | None
     workers: int
     address: str | None = None
-    shard: int = 64
+    shard: int | None = None
     root: str | None = None
     retry_errors: bool = False
 
@@ -79,7 +81,7 @@ def run_batch(batch: Batch, progress: Progress) -> dict[str, Any]:
     work = BatchWork(_absolute(batch.artifact), digest, manifest.folder, results.place.address)
     started = perf_counter()
     progress(len(left), None)
-    for done in _run(batch, shards_of(left, digest, batch.shard), work):
+    for done in _run(batch, shards_of(left, digest, _shard_size(batch, manifest)), work):
         progress(len(left), done)
     seconds = perf_counter() - started
     results.tidy()
@@ -103,7 +105,7 @@ def engine_of(batch: Batch) -> Engine:
 
 def _check(batch: Batch) -> None:
     for field, value in (("workers", batch.workers), ("shard", batch.shard)):
-        if value < 1:
+        if value is not None and value < 1:
             raise InvalidOptionError(
                 "not a positive number", field=field, value=value, mend="give 1 or more"
             )
@@ -121,6 +123,12 @@ def _check(batch: Batch) -> None:
             value=batch.address,
             mend="pip install 'equivalign[ray]' and choose the engine ray, or leave it out",
         )
+
+
+def _shard_size(batch: Batch, manifest: Manifest) -> int:
+    """By the whole manifest, so that a re-run cuts it as before."""
+    share = len(manifest.rows) // (batch.workers * _SHARDS_A_WORKER)
+    return batch.shard or max(1, min(_LARGEST_SHARD, share))
 
 
 def _absolute(artifact: str | None) -> str | None:

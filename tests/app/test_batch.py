@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import json
 import re
+import socket
 import threading
 from collections.abc import Iterator
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
@@ -20,6 +21,7 @@ from batch_run import poses, registered_alone, results, write_pairs
 
 from app.batch import run as batch_run_module
 from app.batch.manifest import COLUMNS, ManifestError, ManifestRow, read_manifest
+from app.batch.on_ray import ray_is_installed
 from app.batch.pair import PairRegistrar
 from app.batch.result_table import RESULT_SCHEMA, table_of
 from app.batch.results import Results
@@ -405,6 +407,17 @@ def test_a_file_is_complete_or_not_there(tmp_path: Path) -> None:
     (shard,) = shards_of([row()], "x", 1)
     with pytest.raises(StorageError, match="out: the results can't be written: No space left"):
         Results(full).write(shard, [])
+
+
+@pytest.mark.skipif(not ray_is_installed(), reason="Ray isn't installed")
+def test_a_cluster_that_is_not_there_is_one_clear_line(
+    artifact: Path, clouds: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as probe:
+        nobody = f"127.0.0.1:{probe.getsockname()[1]}"
+    words = ["batch", str(clouds / "pairs.jsonl"), "--out", str(tmp_path), "--engine", "ray"]
+    assert main([*words, "--artifact", str(artifact), "--address", nobody]) == 2
+    assert capsys.readouterr().err.startswith("equivalign: address: can't reach or start Ray")
 
 
 def test_the_engine_is_ray_where_it_is_installed(monkeypatch: pytest.MonkeyPatch) -> None:
