@@ -7,6 +7,7 @@ import io
 import json
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from types import NoneType, UnionType
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
@@ -252,6 +253,7 @@ def _pose(value: Any, number: int) -> list[list[float]]:
     return [[_number("initial", x, number) for x in row] for row in value]
 
 
+@cache
 def _kind(name: str) -> type:
     """What a column holds, as ``/register`` has it: float, int, bool, str, or list for a matrix."""
     if name not in OPTIONS:
