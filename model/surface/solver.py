@@ -25,7 +25,12 @@ _NEWTON_STEPS = 3
 _SMALL = 4000
 # The last ℓ may take this many times the steps of the others to come to rest.
 _LAST_STEPS = 2
-_MANY, _WIDEST = 700, 1.4
+_MANY, _WIDEST = 700, 2.0
+# Independent samples of a surface have their nearest points √(ln 2/π) = 0.47 spacings apart in the
+# median; clouds that meet more closely than this share their points.
+_SHARED = 0.3
+# The planes of independent samples are what tells the pose: ℓ_n is then this much sharper.
+_SHARPER = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,22 +76,26 @@ class SurfaceLoop:
             stop: asked between steps; the best pose so far is then the answer.
         """
         spacing = max(target.spacing, source.spacing)
-        # Few points average their noise less: they get wider kernels.
+        # Few points pull each other along the surface, where they don't correspond: the farther
+        # the kernel reaches along it, the less.
         fewer = min(len(target.arrays.points), len(source.arrays.points))
-        spacing *= float(np.clip((_MANY / fewer) ** 0.25, 1.0, _WIDEST))
-        ell, across = self.lengthscale * spacing, self.across * spacing
+        wide = float(np.clip((_MANY / fewer) ** 0.5, 1.0, _WIDEST))
+        ell, across = self.lengthscale * wide * spacing, self.across * spacing
         steps: list[Step] = []
         T, steady = self._level(target, source, T, ell, across, self.steps, stop, steps)
         for left in reversed(range(self.rounds)):
             meeting = Meeting.of(target, source, T)
             if meeting is None or stop():
                 break
-            ell = float(np.clip(self.growth * meeting.distance, self.least * spacing, ell))
+            apart = meeting.distance > _SHARED * spacing
+            growth = self.growth * (wide if apart else 1.0)
+            growth_across = self.growth_across * (_SHARPER if apart else 1.0)
+            ell = float(np.clip(growth * meeting.distance, self.least * spacing, ell))
             across = min(
                 ell,
                 float(
                     np.clip(
-                        self.growth_across * meeting.height,
+                        growth_across * meeting.height,
                         self.least_across * spacing,
                         self.across * spacing,
                     )
