@@ -14,7 +14,7 @@ from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
 from model.side_by_side import side_by_side
-from model.surface import REACH, SurfaceArrays, SurfaceCloud, descend
+from model.surface import VIEW, SurfaceArrays, SurfaceCloud, descend
 from model.verification import Evidence, Judge
 
 FloatArray = npt.NDArray[np.float64]
@@ -169,7 +169,7 @@ def _stepped(
 ) -> Hypotheses:
     """Every pose moved by one level's steps."""
     ell, across = level.lengthscale * spacing, level.across * spacing
-    view = target.at(REACH * level.lengthscale * spacing)
+    view = target.at(VIEW * level.lengthscale * spacing)
     T = hypotheses.T_target_source.double().numpy()
 
     def stepped(pose: FloatArray) -> FloatArray:
