@@ -19,7 +19,7 @@ from model.se3 import rotation_angle
 from model.search import KINDS, Candidates, Start, evidence_at
 from model.surface import SurfaceCloud
 from model.surface.meeting import nearest
-from model.verification import Evidence, Judge, SurfaceAgreement, Verifier
+from model.verification import Judge, SurfaceAgreement, Verifier
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -79,8 +79,9 @@ def diagnose(
     degenerate = degenerate_directions(
         pair.target.dense.arrays.points[shared], pair.target.dense.arrays.normals[shared]
     )
-    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
-    log_odds = _log_odds(verifier, evidence)
+    judge: Judge = verifier or SurfaceAgreement()
+    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse, judge.CLOSELY)
+    log_odds = float(judge.log_odds(evidence)[0])
     others = _runner_ups(pair, candidates, solved)
     lead = log_odds - max(other.log_odds for other in others) if others else None
     probability = (
@@ -122,11 +123,6 @@ def diagnose(
         "trace": [_iteration(step, scale) for step in solved.steps],
     }
     return Diagnosis(T, entries)
-
-
-def _log_odds(verifier: Verifier | None, evidence: Evidence) -> float:
-    judge: Judge = verifier or SurfaceAgreement()
-    return float(judge.log_odds(evidence)[0])
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,9 @@ from model.pair import GivenPair, Pair, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
 from model.search import Candidates, Start, evidence_at, flip_start, grid_start, hypothesise, refine
+from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
-from model.verification import Examination, Judge, SurfaceAgreement
+from model.verification import Evidence, Examination, Judge, SurfaceAgreement
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -129,16 +130,16 @@ class Registrar:
         options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
         pair = self._encode(GivenPair.checked(source, target, None, None), options)
         start = self._hypothesise(pair, options)
-        start, candidates = self._search(pair, start, options)
+        start, candidates = self._search(pair, start, options, thorough=True)
         T = self._solve(pair, start, candidates, options).T_target_source
-        evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
+        evidence = self._evidence_at(T[None], start, pair, True)
         log_odds = float(self._judge.log_odds(evidence)[0])
         others = candidates.score[1:]
         return Examination(
             np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
-            candidates.evidence.values,
+            self._evidence_at(candidates.poses, start, pair, True),
             pair.frame.pose_out(T),
-            evidence.values[0],
+            evidence,
             log_odds,
             log_odds - float(others.max()) if len(others) else None,
         )
@@ -210,11 +211,13 @@ class Registrar:
             options.seed,
         )
 
-    def _search(self, pair: Pair, start: Start, options: Options) -> tuple[Start, Candidates]:
+    def _search(
+        self, pair: Pair, start: Start, options: Options, thorough: bool = False
+    ) -> tuple[Start, Candidates]:
         """Refine the start poses; flips of the best, too, and a grid where a doubt is left."""
         candidates = self._refine(pair, start, options)
         settings = self.artifact.settings.hypotheses_for(options.search)
-        if settings.flips and self._doubtful(candidates, options):
+        if settings.flips and (thorough or self._doubtful(candidates, options)):
             start = flip_start(
                 start,
                 candidates.poses[: settings.flips],
@@ -246,6 +249,9 @@ class Registrar:
     def _doubtful(self, candidates: Candidates, options: Options) -> bool:
         return bool(candidates.score[0] < self._judge.DOUBT) and not options.deadline.passed()
 
+    def _evidence_at(self, T: FloatArray, start: Start, pair: Pair, closely: bool) -> Evidence:
+        return evidence_at(T, start, pair.target.sparse, pair.source.sparse, closely)
+
     def _refine(self, pair: Pair, start: Start, options: Options) -> Candidates:
         return refine(
             start,
@@ -262,21 +268,21 @@ class Registrar:
         """Solve the contenders, let the judge decide; the caller's guess is one of them."""
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
         stop = options.deadline.passed
-        solved = []
-        for T in candidates.contenders():
+
+        def solve(T: FloatArray) -> Solved:
             found = stage.solve(pair.target, pair.source, T, stop)
-            if not start.allows(found.T_target_source, options.max_rotation_deg):
-                found = stage.solve(pair.target, pair.source, T, always)
-            solved.append(found)
-            if stop():
-                break
+            if start.allows(found.T_target_source, options.max_rotation_deg):
+                return found
+            return stage.solve(pair.target, pair.source, T, always)
+
+        solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
         if guess is not None:
             solved.append(stage.solve(pair.target, pair.source, guess.numpy(), always))
         if len(solved) == 1:
             return solved[0]
         T_solved = np.stack([found.T_target_source for found in solved])
-        evidence = evidence_at(T_solved, start, pair.target.sparse, pair.source.sparse)
+        evidence = self._evidence_at(T_solved, start, pair, self._judge.CLOSELY)
         return solved[int(self._judge.log_odds(evidence).argmax())]
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:

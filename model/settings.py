@@ -32,7 +32,7 @@ class RegistrarSettings:
     """
 
     solver: str = "surface"
-    points: int = 560
+    points: int = 420
     dense_points: int = 20_000
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
