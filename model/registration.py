@@ -18,7 +18,7 @@ from model.diagnosis import Diagnosis, diagnose
 from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
 from model.options import Options
-from model.pair import GivenPair, Pair, PreparedTarget
+from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
 from model.search import Candidates, Start, evidence_at, flip_start, grid_start, hypothesise, refine
@@ -164,7 +164,9 @@ class Registrar:
         Raises:
             InvalidCloudError: a cloud that has no pose.
         """
-        return PreparedTarget.of(target, labels, self._prepare, seed)
+        return PreparedTarget.of(
+            target, labels, self._prepare_with(self.artifact.settings.points), seed
+        )
 
     def register_many(
         self,
@@ -186,18 +188,22 @@ class Registrar:
         with ThreadPoolExecutor(max_workers=threads) as pool:
             return list(pool.map(lambda pair: self.register(*pair, **options), pairs))
 
-    def _prepare(self, points: FloatArray, labels: FloatArray | None, seed: int) -> PreparedCloud:
-        settings = self.artifact.settings
-        return PreparedCloud.of(
-            points, labels, self._features, settings.points, settings.dense_points, seed
-        )
+    def _prepare_with(self, most: int) -> Prepare:
+        dense = self.artifact.settings.dense_points
+
+        def prepare(points: FloatArray, labels: FloatArray | None, seed: int) -> PreparedCloud:
+            return PreparedCloud.of(points, labels, self._features, most, dense, seed)
+
+        return prepare
 
     def _features(self, x: Tensor) -> Tensor:
         features: Tensor = self._encoder(x)
         return features
 
     def _encode(self, given: GivenPair, options: Options) -> Pair:
-        return Pair.of(given, self._prepare, options.seed)
+        settings = self.artifact.settings
+        most = settings.points if options.search == "global" else settings.local_points
+        return Pair.of(given, self._prepare_with(most), options.seed)
 
     def _hypothesise(self, pair: Pair, options: Options) -> Start:
         return hypothesise(
@@ -277,13 +283,16 @@ class Registrar:
 
         solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
+        poses = [found.T_target_source for found in solved]
         if guess is not None:
-            solved.append(stage.solve(pair.target, pair.source, guess.numpy(), always))
-        if len(solved) == 1:
+            poses.append(guess.numpy())
+        if len(poses) == 1:
             return solved[0]
-        T_solved = np.stack([found.T_target_source for found in solved])
-        evidence = self._evidence_at(T_solved, start, pair, self._judge.CLOSELY)
-        return solved[int(self._judge.log_odds(evidence).argmax())]
+        evidence = self._evidence_at(np.stack(poses), start, pair, self._judge.CLOSELY)
+        best = int(self._judge.log_odds(evidence).argmax())
+        if best < len(solved):
+            return solved[best]
+        return stage.solve(pair.target, pair.source, poses[best], always)
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

@@ -131,6 +131,8 @@ def hypothesise(
         return matches, consensus(matches, spacing, settings.consensus, seed)
 
     def voted() -> tuple[FloatArray, int]:
+        if not settings.matches:
+            return np.zeros((0, 4, 4)), 0
         single = matched_poses(target, source, settings.matches)
         best = voted_poses(single, settings.voted, spacing) if len(single) else single
         return best.double().numpy(), len(single)
