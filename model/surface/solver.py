@@ -30,6 +30,8 @@ _MANY, _WIDEST = 700, 2.0
 _SHARED = 0.3
 # The planes of independent samples are what tells the pose: ℓ_n is then this much sharper.
 _SHARPER = 0.4
+# About the ball that a normal is fitted to.
+_BLOCK = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,7 +107,8 @@ class SurfaceLoop:
         view, cut = target.at(VIEW * ell), REACH * ell
         rounds = 0 if stop() else _NEWTON_STEPS
         T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
-        spread = pull_spread(view, source.arrays, T, ell, across, cut)
+        block = _BLOCK * spacing
+        spread = pull_spread(view, source.arrays, T, ell, across, cut, block)
         products = surface_products(target, source, T, ell, across)
         return SurfaceSolution(
             T, ell, across, (steady or small) and not stop(), steps, products, curvature, spread
