@@ -23,6 +23,9 @@ from model.verification import Judge, SurfaceAgreement, Verifier
 
 FloatArray = npt.NDArray[np.float64]
 
+# Most that is given for a pose that may slide or spin.
+_UNDETERMINED = 0.2
+
 # Points of two samplings of one surface lie within about this many spacings of each other.
 _INLIER_SPACINGS = 1.0
 _UNIT_RATIO = 10.0
@@ -84,11 +87,13 @@ def diagnose(
     log_odds = float(judge.log_odds(evidence)[0])
     others = _runner_ups(pair, candidates, solved)
     lead = log_odds - max(other.log_odds for other in others) if others else None
-    probability = (
-        None
-        if verifier is None
-        else verifier.probability(log_odds, Verifier.LEAD if lead is None else lead)
-    )
+    labelled = pair.target.dense.arrays.labels.shape[1] > 0
+    probability = None
+    if verifier is not None:
+        probability = verifier.probability(log_odds, Verifier.LEAD if lead is None else lead)
+        if degenerate and not labelled:
+            # However well the surfaces fit, one of endlessly many poses is the right one.
+            probability = min(probability, _UNDETERMINED)
     similarity = solved.products.similarity.item()
     uncertainty = solved.uncertainty.in_unit(scale)
     late = options.deadline.passed()

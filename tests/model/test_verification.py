@@ -135,6 +135,26 @@ def test_easy_pairs_are_probably_right_and_unlike_clouds_are_not(registrar, clou
     assert angle_deg(bare.T_target_source, T) < 3.0
 
 
+@pytest.mark.parametrize("kind", ["square", "cylinder", "sphere"])
+def test_a_surface_that_slides_is_never_probably_right(registrar, pose, kind):
+    def surface(n: int, seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        turn, height = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(-1.0, 1.0, n)
+        if kind == "square":
+            return np.column_stack([rng.uniform(-1.0, 1.0, (n, 2)), np.zeros(n)])
+        radius = 0.6 if kind == "cylinder" else np.sqrt(1.0 - height**2)
+        return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+
+    T = pose(3, 70.0).numpy()
+    source = (surface(500, 0) - T[:3, 3]) @ T[:3, :3]
+    d = registrar.register(source, surface(600, 1)).diagnostics
+    assert d.degenerate_directions
+    assert d.success_probability is not None
+    assert d.success_probability <= 0.2
+    assert any("undetermined" in warning for warning in d.warnings)
+    assert np.isfinite(d.covariance).all()
+
+
 @pytest.mark.parametrize("angle", [3.0, 40.0, 170.0])
 def test_the_answer_is_never_judged_worse_than_the_guess(registrar, cloud, pose, angle):
     source, target, T = pair(cloud, pose, 3, 100.0)
