@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,6 +15,8 @@ from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
 
 _NEIGHBOURS = 6
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,12 +39,13 @@ class SurfaceCloud:
     Attributes:
         arrays: in the given order.
         spacing: see Patches.
+        roughness: see Patches.
     """
 
     arrays: SurfaceArrays
     spacing: float
-    _views: dict[float, CellView] = field(default_factory=dict, repr=False, compare=False)
-    _neighbours: dict[float, IntArray] = field(default_factory=dict, repr=False, compare=False)
+    roughness: float
+    _known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -69,42 +74,51 @@ class SurfaceCloud:
         traits = np.zeros((len(points), 0)) if labels is None else labels
         counts = np.ones(len(points)) if weights is None else weights
         arrays = SurfaceArrays(points, patches.normals, flat, traits, counts)
-        return cls(arrays, patches.spacing)
+        return cls(arrays, patches.spacing, patches.roughness)
 
     def at(self, reach: float) -> CellView:
         """The cloud in cells as large as ``reach``; made once."""
-        view = self._views.get(reach)
-        if view is None:
+
+        def view() -> CellView:
             cells = cells_of(self.arrays.points, reach)
-            view = CellView(cells, ordered(self.arrays, cells.order))
-            self._views[reach] = view
-        return view
+            return CellView(cells, ordered(self.arrays, cells.order))
+
+        return self.remembered(("view", reach), view)
 
     def neighbours(self, reach: float) -> IntArray:
         """(N, k) the nearest other points of each, as rows of ``at(reach)``; found once."""
-        found = self._neighbours.get(reach)
-        if found is None:
+
+        def neighbours() -> IntArray:
             points = self.at(reach).arrays.points
             k = min(_NEIGHBOURS, len(points) - 1)
             _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
-            found = self._neighbours[reach] = np.ascontiguousarray(index, np.int64)
-        return found
+            return np.ascontiguousarray(index, np.int64)
+
+        return self.remembered(("neighbours", reach), neighbours)
+
+    def remembered(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """What was made for this key, or is made now; the cloud itself doesn't change."""
+        if key not in self._known:
+            self._known[key] = make()
+        value: Value = self._known[key]
+        return value
 
     def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
         """Some of its points, with the normals they have among all."""
         spacing = self.spacing
         if len(index) < len(self.arrays.points):
             spacing = surface_spacing(self.arrays.points[index])
-        return SurfaceCloud(ordered(self.arrays, index), spacing)
+        return SurfaceCloud(ordered(self.arrays, index), spacing, self.roughness)
 
     def with_features(self, features: npt.NDArray[np.float32]) -> SurfaceCloud:
         """The same with features (N, 3, C)."""
         flat = np.ascontiguousarray(features, np.float32).reshape(len(features), -1)
-        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing)
+        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing, self.roughness)
 
     def without_features(self) -> SurfaceCloud:
         """The geometry and the labels alone."""
-        return self.with_features(np.zeros((len(self.arrays.points), 3, 0), np.float32))
+        none = np.zeros((len(self.arrays.points), 3, 0), np.float32)
+        return self.remembered("without features", lambda: self.with_features(none))
 
 
 def ordered(arrays: SurfaceArrays, index: npt.NDArray[np.int64]) -> SurfaceArrays:
