@@ -44,15 +44,16 @@ def scaling_command(arguments: list[str], command: str) -> int:
     """
     given = _parser().parse_args(arguments)
     folder = make_folder(given.folder, "folder")
+    run = Provenance.now(command)
     manifest = write_batch(folder / "pairs", given.pairs, given.points, given.seed)
     if given.part == "alone":
-        _keep(folder, _ALONE, command, _register_alone(manifest, folder))
+        _keep(folder, _ALONE, run, _register_alone(manifest, folder))
     elif given.part == "workers":
-        _keep(folder, f"{given.engine}-{given.workers}", command, _on_workers(given, manifest))
+        _keep(folder, f"{given.engine}-{given.workers}", run, _on_workers(given, manifest))
     elif given.part == "driver":
-        _keep(folder, _DRIVER, command, _driver(given))
+        _keep(folder, _DRIVER, run, _driver(given))
     elif given.part == "report":
-        return _report(given, command)
+        return _report(given)
     return 0
 
 
@@ -122,16 +123,16 @@ def _input_bytes(manifest: Path) -> int:
     return sum(path.stat().st_size for path in manifest.parent.glob("*.npy"))
 
 
-def _keep(folder: Path, name: str, command: str, measured: dict[str, Any]) -> None:
+def _keep(folder: Path, name: str, run: Provenance, measured: dict[str, Any]) -> None:
     content = {
         "format_version": FORMAT_VERSION,
         "measured": measured,
-        "run": asdict(Provenance.now(command)),
+        "run": asdict(run),
     }
     write_json(folder / f"{name}.json", content)
 
 
-def _report(given: Any, command: str) -> int:
+def _report(given: Any) -> int:
     parts = {path.stem: read_json(path) for path in sorted(given.folder.glob("*.json"))}
     if not {_ALONE, _DRIVER} < parts.keys():
         raise InvalidOptionError(

@@ -29,6 +29,8 @@ from app.batch.shard import shards_of
 from app.batch.worker import BatchWork, ShardWorker
 
 PAIRS, SHARD = 36, 3
+# Of Ray, only a worker is killed otherwise: its second start takes a quarter of a minute.
+ALL_ON_RAY = os.environ.get("EQUIVALIGN_RAY_TESTS") == "all"
 
 needs_ray = pytest.mark.skipif(not ray_is_installed(), reason="Ray isn't installed")
 
@@ -41,20 +43,23 @@ def test_killed_workers_and_drivers_lose_and_double_nothing(
     words = command(
         manifest, out, artifact, "--engine", engine, "--workers", "2", "--shard", str(SHARD)
     )
+    finished: dict[str, bytes] = {}
     with running(words) as process:
         (first, *_) = wait_for_shards(out, 1, process)
         killed = kill_worker(first)
-        before = wait_for_shards(out, 5, process)
-        process.send_signal(signal.SIGKILL)
-        process.wait(30)
-    finished = {path.name: path.read_bytes() for path in before}
-
-    with running(words) as process:
-        said, complaints = process.communicate(timeout=120)
+        if engine == "processes" or ALL_ON_RAY:
+            finished = {path.name: path.read_bytes() for path in wait_for_shards(out, 5, process)}
+            process.send_signal(signal.SIGKILL)
+            process.wait(30)
+        else:
+            said, complaints = process.communicate(timeout=120)
+    if finished:
+        with running(words) as process:
+            said, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     summary = json.loads(said)
     assert summary["pairs"] == summary["succeeded"] == PAIRS
-    assert summary["finished_before"] >= len(before) * SHARD
+    assert summary["finished_before"] >= len(finished) * SHARD
     assert summary["finished_before"] + summary["registered_now"] == PAIRS
     assert summary["engine"] == engine
 
@@ -62,7 +67,8 @@ def test_killed_workers_and_drivers_lose_and_double_nothing(
     table = results(out)
     assert table.num_rows == PAIRS
     workers = set(table["worker"].to_pylist())
-    assert len(workers) >= 3
+    # The other worker may have done the rest alone before a new one was there.
+    assert len(workers) >= (3 if finished else 2)
     assert any(name.endswith(f":{killed}") for name in workers)
     found, alone = poses(table), registered_alone(manifest, artifact)
     assert found.keys() == alone.keys()

@@ -94,7 +94,6 @@ def test_a_killed_replica_loses_no_more_than_it_worked_on(ray: RayServe, pair: E
     # Each caller had at most one request with it.
     assert 0 < statuses[503] <= CALLERS
     assert answers[503, "application/problem+json"] == statuses[503]
-    wait_until(lambda: len({*ray.replicas("/two")} - {victim}) >= 2)
 
 
 def test_a_full_queue_is_429_and_probes_still_answer(ray: RayServe) -> None:

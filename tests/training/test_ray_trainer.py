@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import os
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,10 @@ pytest.importorskip("ray", reason="Ray isn't installed")
 
 from training.ray_trainer import batch_share, ray_fit_command
 
+takes_a_minute = pytest.mark.skipif(
+    os.environ.get("EQUIVALIGN_RAY_TESTS") != "all",
+    reason="EQUIVALIGN_RAY_TESTS isn't set to all: takes another minute",
+)
 STEPS, KILLED_AT, EVERY = 6, 5, 2
 
 
@@ -35,17 +40,21 @@ def arguments(root: Path, batch_size: int) -> list[str]:
 
 
 @QUIET
-def test_a_killed_worker_resumes_and_reaches_the_same_metric(tmp_path: Path) -> None:
+@pytest.mark.parametrize("workers", [1, pytest.param(2, marks=takes_a_minute)])
+def test_a_killed_worker_resumes_and_reaches_the_same_metric(workers: int, tmp_path: Path) -> None:
     mark = tmp_path / "killed"
     kill = [
         "--trainer.callbacks+=small_run.KillOneOnce",
         f"--trainer.callbacks.step={KILLED_AT}",
-        "--trainer.callbacks.rank=1",
+        f"--trainer.callbacks.rank={workers - 1}",
         f"--trainer.callbacks.mark={mark}",
     ]
-    words = ["--workers", "2", "--storage", str(tmp_path / "ray"), "--name", "killed"]
+    words = ["--workers", str(workers), "--storage", str(tmp_path / "ray"), "--name", "killed"]
     answer = run_in_another_process(
-        *words, *arguments(tmp_path / "logs", 2), *kill, start=("-m", "training.ray_trainer")
+        *words,
+        *arguments(tmp_path / "logs", 4 // workers),
+        *kill,
+        start=("-m", "training.ray_trainer"),
     )
     assert answer.returncode == 0, answer.stderr
     assert int(mark.read_text()) > 1
