@@ -11,7 +11,7 @@ from benchmarks.sheet import Sheet
 
 Measured = dict[str, Any]
 
-_SHARDS = (16, 64)
+_SHARDS = (16, 64, 256)
 _WORKERS = (1, 2, 10, 100, 1000)
 
 

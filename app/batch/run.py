@@ -14,7 +14,7 @@ import pyarrow.compute as pc
 from app.batch.manifest import Manifest, read_manifest
 from app.batch.on_ray import ray_is_installed, run_on_ray
 from app.batch.processes import run_in_processes
-from app.batch.results import Results, unfinished
+from app.batch.results import Results, ResultsError, unfinished
 from app.batch.shard import Shard, shards_of
 from app.batch.worker import BatchWork, ShardDone, artifact_digest
 from model import Registrar
@@ -140,9 +140,16 @@ def _summary(
     batch: Batch, manifest: Manifest, results: Results, registered: int, seconds: float
 ) -> dict[str, Any]:
     """Counts over all pairs of the manifest, and this run's own time."""
-    rows = results.columns("pair_id", "error", "diagnostics", "worker")
+    rows = results.columns("pair_id", "error", "diagnostics")
     asked = {row.pair_id for row in manifest.rows}
     rows = rows.filter([pair in asked for pair in rows["pair_id"].to_pylist()])
+    if len(rows) != len(asked):
+        raise ResultsError(
+            "pairs of the manifest are missing or doubled after the run",
+            field="out",
+            value=f"{len(rows)} rows for {len(asked)} pairs",
+            mend="see that nobody else changes the folder, and run the same command again",
+        )
     kinds = Counter(pc.drop_null(pc.struct_field(rows["error"], "type")).to_pylist())
     good = rows.filter(pc.is_null(rows["error"]))["diagnostics"]
     probability = pc.struct_field(good, "success_probability")
