@@ -238,7 +238,7 @@ class Registrar:
             start = flip_start(start, best, x.sparse, z.sparse, farthest)
             candidates = self._also(candidates, pair, start, options)
         for more, wanted in (
-            (matched_start, settings.more_matches > 0),
+            (matched_start, settings.matches > 0 and settings.more_matches > 0),
             (grid_start, settings.grid_step_deg > 0.0),
         ):
             if wanted and self._doubtful(candidates, options):

@@ -47,7 +47,7 @@ class HypothesisSettings:
         triplets: whether there are any of those.
         matches: poses from one match each that are put to the vote; 0 for none.
         voted: most of those that are kept.
-        more_matches: the same where the others leave a doubt; 0 for none.
+        more_matches: the same where the others leave a doubt; 0, or no matches, for none.
         more_voted: most of those that are kept.
         flips: how many of the best candidates are turned about the object's axes; see flips.py.
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
