@@ -8,7 +8,7 @@ import pickle
 import socket
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, redirect_stdout
 from importlib.util import find_spec
 from typing import Any
 
@@ -47,8 +47,8 @@ def run_on_ray(
         EquivAlignError: what a worker refuses, as when it can't write its results.
         RayFailedError: Ray itself failed.
     """
-    ray = _started(workers, address)
-    try:
+    # Ray tells of workers that die on the standard output, which belongs to the summary.
+    with redirect_stdout(sys.stderr), _running(workers, address) as ray:
         documents = [{"shard": pickle.dumps(shard)} for shard in shards]
         dataset = ray.data.from_items(documents, override_num_blocks=len(documents))
         done = dataset.map_batches(
@@ -63,15 +63,6 @@ def run_on_ray(
             if isinstance(told, EquivAlignError):
                 raise told
             yield told
-    except ray.exceptions.RayError as error:
-        raise RayFailedError(
-            f"Ray gave the batch up: {type(error).__name__}",
-            field="engine",
-            value="ray",
-            mend="Ray's logs, in /tmp/ray/session_latest, tell why; the same command goes on",
-        ) from error
-    finally:
-        ray.shutdown()
 
 
 class _ShardActor:
@@ -98,6 +89,23 @@ class _ShardActor:
             return self._worker(shard)
         except EquivAlignError as error:
             return error
+
+
+@contextmanager
+def _running(workers: int, address: str | None) -> Iterator[Any]:
+    """Ray for the time of the block; its own errors become one of ours."""
+    ray = _started(workers, address)
+    try:
+        yield ray
+    except ray.exceptions.RayError as error:
+        raise RayFailedError(
+            f"Ray gave the batch up: {type(error).__name__}",
+            field="engine",
+            value="ray",
+            mend="Ray's logs, in /tmp/ray/session_latest, tell why; the same command goes on",
+        ) from error
+    finally:
+        ray.shutdown()
 
 
 def _started(workers: int, address: str | None) -> Any:
