@@ -110,6 +110,7 @@ def test_every_command_is_tested_here() -> None:
     tested = [
         *those("make"),
         *those("equivalign", "register"),
+        *those("equivalign", "batch"),
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
         *those("equivalign", "export"),
@@ -134,6 +135,14 @@ def test_register_on_the_command_line(workplace: Path) -> None:
     assert (workplace / "aligned.ply").is_file()
     assert (workplace / "report.html").is_file()
     assert np.shape(json.loads(said[1])["T_target_source"]) == (4, 4)
+
+
+def test_batch(workplace: Path) -> None:
+    (batch,) = those("equivalign", "batch")
+    for finished in ("0", "1"):
+        said = run([*batch, "--engine=processes"], workplace)
+        assert f"1, {finished} finished before" in said
+    assert list((workplace / "results").glob("part-*.parquet"))
 
 
 def test_python(workplace: Path) -> None:
