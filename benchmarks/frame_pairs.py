@@ -9,8 +9,9 @@ import torch
 
 from benchmarks.pair import BenchmarkPair, FloatArray, PairEntry, orthonormal
 from model.exceptions import InvalidOptionError
+from model.sequence import RgbdSequence
 from training.data.motion import Motion
-from training.data.rgbd import RgbdSequence, evenly_spread
+from training.data.rgbd import evenly_spread, sampled_cloud
 from training.data.seeding import Stream, derived_seed, torch_generator
 
 # Exactly this angle about an axis anywhere through the source's camera.
@@ -151,5 +152,5 @@ class FramePairMaker:
     def _cloud(self, number: int) -> FloatArray:
         if self.points is None:
             return self.sequence.cloud(number, self.max_depth)
-        sample = self.sequence.sampled_cloud(number, self.points, self.seed, self.max_depth)
+        sample = sampled_cloud(self.sequence, number, self.points, self.seed, self.max_depth)
         return sample.double().numpy()

@@ -18,8 +18,7 @@ from benchmarks.frame_pairs import COLUMNS, EXTRA_ROTATION_DEG, FramePairMaker, 
 from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
 from model.exceptions import InvalidOptionError
-from training.data.rgbd import RgbdSequence
-from training.data.rgbd_folder import read_sequence
+from model.sequence import RgbdSequence, read_sequence
 
 
 def rgbd_command(arguments: list[str], command: str) -> int:

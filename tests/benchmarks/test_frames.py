@@ -15,8 +15,7 @@ from benchmarks.results import read_results
 from benchmarks.rgbd import sequence_folders
 from benchmarks.summary import Summary, cells, rows_by_method
 from model.exceptions import InvalidOptionError
-from training.data.rgbd import Camera
-from training.data.rgbd_folder import read_sequence
+from model.sequence import Camera, read_sequence
 
 WIDTH, HEIGHT = 120, 90
 CAMERA = Camera(105.0, 105.0, 59.5, 44.5)

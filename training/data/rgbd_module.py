@@ -12,11 +12,11 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from model.exceptions import InvalidOptionError
+from model.sequence import RgbdSequence, read_sequence
 from training.data.module import STREAM, PairDataModule, Subset
 from training.data.motion import Motion
 from training.data.pairs import PairKey, RegistrationPair
-from training.data.rgbd import RgbdSequence, evenly_spread, frame_pairs
-from training.data.rgbd_folder import read_sequence
+from training.data.rgbd import evenly_spread, frame_pairs, sampled_cloud, sampled_colours
 from training.data.seeding import Stream, torch_generator
 
 # The paper's: on top of the camera's own motion.
@@ -91,12 +91,12 @@ class FramePairs(Dataset[RegistrationPair]):
         T = sequence.relative_pose(target, source)
         sampling = (self.points, self.seed, self.max_depth)
         labels = [
-            colour_labels(sequence.sampled_colours(number, *sampling)) if self.colour else None
+            colour_labels(sampled_colours(sequence, number, *sampling)) if self.colour else None
             for number in (target, source)
         ]
         return RegistrationPair(
-            sequence.sampled_cloud(target, *sampling),
-            sequence.sampled_cloud(source, *sampling),
+            sampled_cloud(sequence, target, *sampling),
+            sampled_cloud(sequence, source, *sampling),
             torch.from_numpy(np.full((4, 4), np.nan) if T is None else T).float(),
             False,
             f"{sequence.name}/{target}-{source}",
