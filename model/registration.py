@@ -58,7 +58,7 @@ class Registrar:
 
     def register(
         self,
-        source: npt.ArrayLike,
+        source: npt.ArrayLike | PreparedTarget,
         target: npt.ArrayLike | PreparedTarget,
         initial: npt.ArrayLike | None = None,
         max_rotation_deg: float = 180.0,
@@ -73,7 +73,7 @@ class Registrar:
         """Find the pose that moves the source onto the target.
 
         Args:
-            source: (M, 3), any unit.
+            source: (M, 3), any unit; or one that ``prepare`` made ready in the target's unit.
             target: (N, 3), the same unit; or one that ``prepare`` made ready.
             initial: (4, 4) guess of T_target_source; the search is around it.
             max_rotation_deg: how far from the guess (or from no rotation) the answer may turn.
@@ -148,6 +148,8 @@ class Registrar:
         target: npt.ArrayLike,
         labels: npt.ArrayLike | None = None,
         seed: int = 0,
+        weights: npt.ArrayLike | None = None,
+        unit: float | None = None,
     ) -> PreparedTarget:
         """Encode a target once for many sources.
 
@@ -159,11 +161,15 @@ class Registrar:
             target: (N, 3).
             labels: (N, L), or None.
             seed: chooses among its points.
+            weights: (N,) what each point counts in the last stage, as by its sensor's noise.
+            unit: length of the frame's unit in place of the target's own extent. Two clouds that
+                were prepared in one unit can be the source and the target of each other.
 
         Raises:
-            InvalidCloudError: a cloud that has no pose.
+            InvalidCloudError: a cloud that has no pose, or labels or weights that don't fit.
+            InvalidOptionError: the unit isn't a positive length.
         """
-        return PreparedTarget.of(target, labels, self._prepare, seed)
+        return PreparedTarget.of(target, labels, self._prepare, seed, weights, unit)
 
     def register_many(
         self,
@@ -185,10 +191,16 @@ class Registrar:
         with ThreadPoolExecutor(max_workers=threads) as pool:
             return list(pool.map(lambda pair: self.register(*pair, **options), pairs))
 
-    def _prepare(self, points: FloatArray, labels: FloatArray | None, seed: int) -> PreparedCloud:
+    def _prepare(
+        self,
+        points: FloatArray,
+        labels: FloatArray | None,
+        weights: FloatArray | None,
+        seed: int,
+    ) -> PreparedCloud:
         settings = self.artifact.settings
         return PreparedCloud.of(
-            points, labels, self._features, settings.points, settings.dense_points, seed
+            points, labels, self._features, settings.points, settings.dense_points, seed, weights
         )
 
     def _features(self, x: Tensor) -> Tensor:

@@ -65,4 +65,4 @@ def _read_image(path: Path) -> npt.NDArray[Any]:
 
     level = open3d.utility.VerbosityLevel.Error
     with open3d.utility.VerbosityContextManager(level):
-        return np.asarray(open3d.io.read_image(str(path)))
+        return np.asarray(open3d.io.read_image(path))

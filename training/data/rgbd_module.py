@@ -12,6 +12,7 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from model.exceptions import InvalidOptionError
+from model.labels import colour_labels
 from model.sequence import RgbdSequence, read_sequence
 from training.data.module import STREAM, PairDataModule, Subset
 from training.data.motion import Motion
@@ -91,7 +92,7 @@ class FramePairs(Dataset[RegistrationPair]):
         T = sequence.relative_pose(target, source)
         sampling = (self.points, self.seed, self.max_depth)
         labels = [
-            colour_labels(sampled_colours(sequence, number, *sampling)) if self.colour else None
+            _labels(sampled_colours(sequence, number, *sampling)) if self.colour else None
             for number in (target, source)
         ]
         return RegistrationPair(
@@ -113,13 +114,8 @@ class FramePairs(Dataset[RegistrationPair]):
         return int(torch.randperm(len(self.pairs), generator=generator)[place])
 
 
-def colour_labels(colours: Tensor) -> Tensor:
-    """L(x) of colours (N, 3) from 0 to 1, (N, 4) of unit length.
-
-    ⟨l, l'⟩ is 1 for equal colours, 1/7 for black and white, and never negative.
-    """
-    centred = torch.cat([torch.ones(len(colours), 1), colours - 0.5], 1)
-    return torch.nn.functional.normalize(centred, dim=1)
+def _labels(colours: Tensor) -> Tensor:
+    return torch.from_numpy(colour_labels(colours.numpy())).float()
 
 
 class RgbdData(PairDataModule):
