@@ -12,6 +12,7 @@ from model.sequence.images import read_depth
 from model.sequence.pose_list import PoseList
 from model.sequence.rgbd import Frame, FramePixels, RgbdSequence
 from model.sequence.rgbd_folder import read_sequence
+from model.sequence.thinning import farthest_rows
 
 __all__ = [
     "Camera",
@@ -23,6 +24,7 @@ __all__ = [
     "FrameSource",
     "PoseList",
     "RgbdSequence",
+    "farthest_rows",
     "open_frames",
     "read_depth",
     "read_sequence",

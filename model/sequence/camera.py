@@ -34,8 +34,19 @@ class Camera:
 
     def back_projected(self, depth: FloatArray) -> FloatArray:
         """Points (n, 3) of the pixels of a depth image (H, W), both in metres; 0 is no depth."""
-        row, column = np.nonzero(depth)
-        z = depth[row, column]
+        pixels = np.flatnonzero(depth)
+        return self.points_at(pixels, depth.reshape(-1)[pixels], depth.shape[1])
+
+    def points_at(self, pixels: npt.NDArray[np.int64], depth: FloatArray, width: int) -> FloatArray:
+        """Points (n, 3) of pixels (n,), counted row by row in an image of that width.
+
+        Args:
+            pixels: (n,).
+            depth: (n,) in metres, of these pixels.
+            width: of the image.
+        """
+        row, column = np.divmod(pixels, width)
+        z = depth
         return np.stack([(column - self.cx) * z / self.fx, (row - self.cy) * z / self.fy, z], 1)
 
     def require_fits(self, height: int, width: int) -> None:

@@ -16,6 +16,7 @@ from model.exceptions import InvalidOptionError, UnreadableFileError
 from model.sequence.pose_list import PoseList
 from model.sequence.rgbd import RgbdSequence
 from model.sequence.rgbd_folder import CALIBRATION, read_sequence
+from model.sequence.thinning import drawn_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -67,8 +68,13 @@ class FrameSource(Protocol):
         """The measured pose (4, 4) of a frame, or None."""
         ...
 
-    def read(self, number: int) -> FrameCloud:
+    def read(self, number: int, most: int, seed: int) -> FrameCloud:
         """Read one frame.
+
+        Args:
+            number: of the frame.
+            most: at most so many of its points, drawn at random.
+            seed: of the draw.
 
         Raises:
             CloudFileError: its file can't be read.
@@ -121,7 +127,7 @@ class DepthFrames:
         """See FrameSource."""
         return self.sequence.frames[number].T_world_camera
 
-    def read(self, number: int) -> FrameCloud:
+    def read(self, number: int, most: int, seed: int) -> FrameCloud:
         """See FrameSource."""
         path = self.sequence.frames[number].path
         if not path.is_file():
@@ -131,7 +137,7 @@ class DepthFrames:
                 value=str(path),
                 mend="unpack the whole sequence",
             )
-        seen = self.sequence.pixels(number, self.max_depth)
+        seen = self.sequence.pixels(number, self.max_depth, most, seed)
         self.sequence.camera.require_fits(*seen.size)
         if not self.colour:
             return FrameCloud(seen.points)
@@ -212,9 +218,10 @@ class CloudFrames:
         """See FrameSource."""
         return self.poses.at(self.time(number))
 
-    def read(self, number: int) -> FrameCloud:
+    def read(self, number: int, most: int, seed: int) -> FrameCloud:
         """See FrameSource."""
-        return FrameCloud(read_points(self.files[number], "sequence"))
+        points = read_points(self.files[number], "sequence")
+        return FrameCloud(points[drawn_rows(len(points), most, seed)])
 
 
 def open_frames(root: Path, max_depth: float | None = None, colour: bool = False) -> FrameSource:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from model.sequence.camera import Camera
 from model.sequence.images import read_colour, read_depth
+from model.sequence.thinning import drawn_rows
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -68,12 +69,16 @@ class RgbdSequence:
         """The folder's."""
         return self.root.name
 
-    def pixels(self, number: int, max_depth: float | None = None) -> FramePixels:
+    def pixels(
+        self, number: int, max_depth: float | None = None, most: int | None = None, seed: int = 0
+    ) -> FramePixels:
         """The frame's pixels with depth, back-projected.
 
         Args:
             number: of the frame.
             max_depth: leave out what is farther away, in metres.
+            most: at most so many, drawn at random; None takes all.
+            seed: of the draw.
 
         Raises:
             UnreadableFileError: no depth image.
@@ -81,7 +86,11 @@ class RgbdSequence:
         depth = read_depth(self.frames[number].path)
         if max_depth is not None:
             depth[depth > max_depth] = 0.0
-        return FramePixels(self.camera.back_projected(depth), np.flatnonzero(depth), depth.shape)
+        pixels = np.flatnonzero(depth)
+        if most is not None:
+            pixels = pixels[drawn_rows(len(pixels), most, seed)]
+        points = self.camera.points_at(pixels, depth.reshape(-1)[pixels], depth.shape[1])
+        return FramePixels(points, pixels, depth.shape)
 
     def cloud(self, number: int, max_depth: float | None = None) -> FloatArray:
         """All points (n, 3) of a frame, in metres, in the camera's frame.

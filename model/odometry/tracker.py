@@ -1,0 +1,307 @@
+"""Odometry: each frame registered to a keyframe from a predicted pose; lost, it looks around."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from model.exceptions import InvalidOptionError
+from model.odometry.consistency import Cycle, angle_deg
+from model.odometry.frame import FramePreparer, OdometryFrame
+from model.odometry.keyframes import Keyframe, Keyframes
+from model.odometry.motion import ConstantVelocity
+from model.odometry.step import Status, Step
+from model.result import RegistrationResult
+
+FloatArray = npt.NDArray[np.float64]
+
+MODES = ("keyframe", "frame")
+# A local answer turns no farther from its guess: beyond, the guess said nothing.
+_LOCAL_REACH_DEG = 45.0
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerSettings:
+    """When to trust an answer and when to look around.
+
+    Attributes:
+        mode: ``keyframe`` registers each frame to the latest keyframe, ``frame`` to the frame
+            before it.
+        keyframe_overlap: a frame that shares less than this with the keyframe becomes the next one.
+        trusted: success probability from which an answer is taken as it is.
+        doubtful: down to this one it is taken if it also agrees with the predicted pose.
+        relocalised: what a global search must reach, which has no prediction to agree with.
+        least_overlap: below it the frame is lost, whatever else is said.
+        agreement_deg: how far an answer may turn from the predicted pose and still agree.
+        agreement_share: how far it may lie from it, in units of the frames' extent.
+        keyframes: at most this many are kept.
+        tried_when_lost: keyframes that a lost frame is searched against.
+        restart_after: lost frames in a row after which the trajectory goes on from the guess.
+        seed: of the searches.
+    """
+
+    mode: str = "keyframe"
+    keyframe_overlap: float = 0.75
+    trusted: float = 0.5
+    doubtful: float = 0.2
+    relocalised: float = 0.6
+    least_overlap: float = 0.25
+    agreement_deg: float = 6.0
+    agreement_share: float = 0.05
+    keyframes: int = 40
+    tried_when_lost: int = 3
+    restart_after: int = 15
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.mode not in MODES:
+            raise InvalidOptionError(
+                "unknown mode",
+                field="mode",
+                value=repr(self.mode),
+                mend=f"choose one of {', '.join(MODES)}",
+            )
+        if not 0.0 < self.keyframe_overlap < 1.0:
+            raise InvalidOptionError(
+                "not a share",
+                field="keyframe_overlap",
+                value=self.keyframe_overlap,
+                mend="give a number between 0 and 1",
+            )
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """A registration of the present frame to a keyframe, in the world.
+
+    Attributes:
+        keyframe: that it was registered to.
+        result: T_keyframe_frame and its diagnostics.
+        T_world_camera: (4, 4).
+    """
+
+    keyframe: Keyframe
+    result: RegistrationResult
+    T_world_camera: FloatArray
+
+    @property
+    def probability(self) -> float:
+        """Of success; of an artifact that can't tell, the overlap."""
+        known = self.result.diagnostics.success_probability
+        return self.overlap if known is None else known
+
+    @property
+    def overlap(self) -> float:
+        """Share of the frame's points near the keyframe's."""
+        return self.result.diagnostics.overlap_source
+
+
+class Tracker:
+    """Follows a camera frame by frame; the first frame's camera is the world.
+
+    Args:
+        preparer: that the frames come from.
+        settings: see TrackerSettings.
+    """
+
+    def __init__(self, preparer: FramePreparer, settings: TrackerSettings | None = None) -> None:
+        self.settings = settings or TrackerSettings()
+        self.preparer = preparer
+        self.keyframes = Keyframes(self.settings.keyframes)
+        self.motion: ConstantVelocity | None = None
+        self.lost_in_a_row = 0
+        self._previous: Keyframe | None = None
+
+    @property
+    def previous(self) -> Keyframe | None:
+        """The last frame with a pose."""
+        return self._previous
+
+    def track(self, frame: OdometryFrame) -> Step:
+        """Find a frame's pose.
+
+        Args:
+            frame: later than all before it.
+        """
+        if self.motion is None:
+            return self._begin(frame, Status.FIRST, np.eye(4))
+        guess = self.motion.predict(frame.time)
+        answer = self._local(frame, guess)
+        if self._believable(answer, guess, frame):
+            return self._follow(frame, answer, Status.TRACKED)
+        found = self._around(frame)
+        if found is None:
+            return self._lose(frame, guess)
+        return self._follow(frame, found, Status.RELOCALISED)
+
+    def skip(self, number: int, time: float, reason: str) -> Step:
+        """Record a frame that can't be read; the camera is thought to go on as it did."""
+        T = np.eye(4) if self.motion is None else self.motion.predict(time)
+        return Step(
+            number=number, time=time, status=Status.UNREADABLE, T_world_camera=T, warning=reason
+        )
+
+    def resume(
+        self,
+        keyframes: list[Keyframe],
+        previous: Keyframe,
+        motion: ConstantVelocity,
+        lost_in_a_row: int,
+    ) -> None:
+        """Go on where another tracker stopped.
+
+        Args:
+            keyframes: in their order.
+            previous: the last frame with a pose.
+            motion: so far.
+            lost_in_a_row: frames lost since then.
+        """
+        for keyframe in keyframes:
+            self.keyframes.add(keyframe)
+        self._previous, self.motion, self.lost_in_a_row = previous, motion, lost_in_a_row
+
+    def _begin(
+        self, frame: OdometryFrame, status: Status, T: FloatArray, warning: str = ""
+    ) -> Step:
+        keyframe = Keyframe(frame, T)
+        self.keyframes.add(keyframe)
+        self._previous = keyframe
+        self.motion = ConstantVelocity(frame.time, T)
+        self.lost_in_a_row = 0
+        return Step(
+            number=frame.number,
+            time=frame.time,
+            status=status,
+            T_world_camera=T,
+            keyframe=True,
+            warning=warning,
+        )
+
+    def _references(self) -> list[Keyframe]:
+        """The keyframe, and the frame before this one where that is another."""
+        latest, previous = self.keyframes.latest, self._previous
+        if previous is None or previous.frame.number == latest.frame.number:
+            return [latest]
+        return [latest, previous]
+
+    def _local(self, frame: OdometryFrame, guess: FloatArray) -> Answer:
+        """From the predicted pose to the keyframe; in doubt also from no motion, and to the last
+        frame. The best by its probability.
+        """
+        best: Answer | None = None
+        assert self.motion is not None
+        for keyframe in self._references():
+            for T_guess in (guess, self.motion.T_world_camera):
+                answer = self._registered(frame, keyframe, T_guess)
+                if answer.probability >= self.settings.trusted:
+                    return answer
+                if best is None or answer.probability > best.probability:
+                    best = answer
+        assert best is not None
+        return best
+
+    def _registered(
+        self, frame: OdometryFrame, keyframe: Keyframe, T_world_guess: FloatArray | None
+    ) -> Answer:
+        """From a guess of the pose in the world, or from nowhere."""
+        fixed = self.preparer.in_unit_of(keyframe.frame, frame)
+        register = self.preparer.registrar.register
+        if T_world_guess is None:
+            result = register(frame.cloud, fixed.cloud, seed=self.settings.seed)
+        else:
+            result = register(
+                frame.cloud,
+                fixed.cloud,
+                initial=np.linalg.inv(keyframe.T_world_camera) @ T_world_guess,
+                max_rotation_deg=_LOCAL_REACH_DEG,
+                search="local",
+                seed=self.settings.seed,
+            )
+        return Answer(keyframe, result, keyframe.T_world_camera @ result.T_target_source)
+
+    def _believable(self, answer: Answer, guess: FloatArray, frame: OdometryFrame) -> bool:
+        """Whether the answer is trusted, or doubtful but where the camera was expected."""
+        settings = self.settings
+        if answer.overlap < settings.least_overlap or answer.probability < settings.doubtful:
+            return False
+        if answer.probability >= settings.trusted:
+            return True
+        off = np.linalg.inv(guess) @ answer.T_world_camera
+        near = float(np.linalg.norm(off[:3, 3])) <= settings.agreement_share * frame.cloud.scale
+        # After a loss the prediction is no witness.
+        return near and angle_deg(off) <= settings.agreement_deg and not self.lost_in_a_row
+
+    def _around(self, frame: OdometryFrame) -> Answer | None:
+        """Search everywhere against a few keyframes; None where none of them is certain."""
+        assert self.motion is not None
+        candidates = self.keyframes.near(self.motion.T_world_camera)
+        for keyframe in candidates[: self.settings.tried_when_lost]:
+            answer = self._registered(frame, keyframe, None)
+            enough = answer.overlap >= self.settings.least_overlap
+            if enough and answer.probability >= self.settings.relocalised:
+                return answer
+        return None
+
+    def _lose(self, frame: OdometryFrame, guess: FloatArray) -> Step:
+        self.lost_in_a_row += 1
+        if self.lost_in_a_row > self.settings.restart_after:
+            said = (
+                f"lost for {self.lost_in_a_row - 1} frames; the trajectory goes on from where the "
+                "motion model guesses the camera"
+            )
+            return self._begin(frame, Status.RESTARTED, guess, said)
+        return Step(
+            number=frame.number,
+            time=frame.time,
+            status=Status.LOST,
+            T_world_camera=guess,
+            warning="lost: no keyframe agrees with this frame",
+        )
+
+    def _follow(self, frame: OdometryFrame, answer: Answer, status: Status) -> Step:
+        assert self.motion is not None
+        T = answer.T_world_camera
+        if status is Status.TRACKED and not self.lost_in_a_row:
+            self.motion = self.motion.moved(frame.time, T)
+        else:
+            self.motion = self.motion.restarted(frame.time, T)
+        self.lost_in_a_row = 0
+        is_key = self._becomes_keyframe(frame, answer)
+        cycle = self._cycle(frame, answer) if is_key and self.settings.mode == "keyframe" else None
+        self._previous = Keyframe(frame, T)
+        if is_key:
+            self.keyframes.add(self._previous)
+        d = answer.result.diagnostics
+        return Step(
+            number=frame.number,
+            time=frame.time,
+            status=status,
+            T_world_camera=T,
+            reference=answer.keyframe.frame.number,
+            success_probability=d.success_probability,
+            overlap=answer.overlap,
+            rmse=d.inlier_rmse,
+            keyframe=is_key,
+            cycle=cycle,
+            warning=""
+            if answer.probability >= self.settings.trusted
+            else f"doubtful: success probability {answer.probability:.2f}",
+        )
+
+    def _becomes_keyframe(self, frame: OdometryFrame, answer: Answer) -> bool:
+        other_unit = answer.keyframe.frame.cloud.scale != frame.cloud.scale
+        scarce = min(answer.overlap, answer.result.diagnostics.overlap_target)
+        return (
+            self.settings.mode == "frame" or other_unit or scarce < self.settings.keyframe_overlap
+        )
+
+    def _cycle(self, frame: OdometryFrame, answer: Answer) -> Cycle | None:
+        """Keyframe → last frame → this frame → keyframe, where the last frame is in between."""
+        between = self._previous
+        if between is None or between.frame.number == answer.keyframe.frame.number:
+            return None
+        step = self._registered(frame, between, answer.T_world_camera)
+        T_key_between = np.linalg.inv(answer.keyframe.T_world_camera) @ between.T_world_camera
+        return Cycle.of(T_key_between, step.result.T_target_source, answer.result.T_target_source)
