@@ -6,10 +6,14 @@ from model.odometry.keyframes import Keyframe, Keyframes
 from model.odometry.motion import ConstantVelocity
 from model.odometry.sensor import DepthNoise
 from model.odometry.step import Status, Step
+from model.odometry.stream import Streamed, read_frame, stream
 from model.odometry.tracker import MODES, Tracker, TrackerSettings
+from model.odometry.trajectory_error import AbsoluteError, RelativeError, Spread
+from model.odometry.voxel_map import VoxelMap
 
 __all__ = [
     "MODES",
+    "AbsoluteError",
     "ConstantVelocity",
     "Cycle",
     "DepthNoise",
@@ -18,8 +22,14 @@ __all__ = [
     "Keyframe",
     "Keyframes",
     "OdometryFrame",
+    "RelativeError",
+    "Spread",
     "Status",
     "Step",
+    "Streamed",
     "Tracker",
     "TrackerSettings",
+    "VoxelMap",
+    "read_frame",
+    "stream",
 ]

@@ -55,13 +55,11 @@ class OdometryFrame:
         number: in its sequence.
         time: in seconds.
         cloud: prepared, as target or source.
-        seen: all the points that were read.
     """
 
     number: int
     time: float
     cloud: PreparedTarget
-    seen: FrameCloud
 
 
 class FramePreparer:
@@ -107,7 +105,7 @@ class FramePreparer:
         weights = None if framing.noise is None else framing.noise.weights(points[:, 2])
         self.unit = unit_for(points, self.unit)
         cloud = self.registrar.prepare(points, labels, framing.seed, weights, self.unit)
-        return OdometryFrame(number, time, cloud, seen)
+        return OdometryFrame(number, time, cloud)
 
     def in_unit_of(self, frame: OdometryFrame, other: OdometryFrame) -> OdometryFrame:
         """A frame in the unit of another one."""

@@ -43,7 +43,7 @@ class TrackerSettings:
     """
 
     mode: str = "keyframe"
-    keyframe_overlap: float = 0.75
+    keyframe_overlap: float = 0.85
     trusted: float = 0.5
     doubtful: float = 0.2
     relocalised: float = 0.6
