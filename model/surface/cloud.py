@@ -13,6 +13,8 @@ from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
 
 _NEIGHBOURS = 6
+# ℓ follows the pair, so a cloud that serves many pairs is asked for ever new views.
+_KEPT_VIEWS = 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,13 +74,21 @@ class SurfaceCloud:
         return cls(arrays, patches.spacing)
 
     def at(self, reach: float) -> CellView:
-        """The cloud in cells as large as ``reach``; made once."""
+        """The cloud in cells as large as ``reach``; the latest few are kept."""
         view = self._views.get(reach)
         if view is None:
             cells = cells_of(self.arrays.points, reach)
             view = CellView(cells, ordered(self.arrays, cells.order))
             self._views[reach] = view
+            # Other threads may ask at the same time: a copy of the keys can't change meanwhile.
+            for old in list(self._views)[:-_KEPT_VIEWS]:
+                self._views.pop(old, None)
         return view
+
+    def forget_views(self) -> None:
+        """Give back the memory of what is made again when it is asked for."""
+        self._views.clear()
+        self._neighbours.clear()
 
     def neighbours(self, reach: float) -> IntArray:
         """(N, k) the nearest other points of each, as rows of ``at(reach)``; found once."""
