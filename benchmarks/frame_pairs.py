@@ -19,7 +19,10 @@ EXTRA_ROTATION_DEG = 10.0
 COLUMNS = {
     "as-is": Motion("exact_angle", 0.0),
     "extra-10": Motion("exact_angle", EXTRA_ROTATION_DEG),
+    "extra-60": Motion("exact_angle", 60.0),
 }
+# The paper's; the third is asked for by name.
+DEFAULT_COLUMNS = ("as-is", "extra-10")
 
 
 def list_frame_pairs(

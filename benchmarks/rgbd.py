@@ -14,7 +14,13 @@ from benchmarks.contest_options import (
     finish_contest,
     names,
 )
-from benchmarks.frame_pairs import COLUMNS, EXTRA_ROTATION_DEG, FramePairMaker, list_frame_pairs
+from benchmarks.frame_pairs import (
+    COLUMNS,
+    DEFAULT_COLUMNS,
+    EXTRA_ROTATION_DEG,
+    FramePairMaker,
+    list_frame_pairs,
+)
 from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
 from model.exceptions import InvalidOptionError
@@ -105,9 +111,10 @@ def _parser() -> ArgumentParser:
     parser.add_argument(
         "--columns",
         type=names,
-        default=list(COLUMNS),
+        default=list(DEFAULT_COLUMNS),
         metavar="NAMES",
-        help=f"of {', '.join(COLUMNS)} (turned by {EXTRA_ROTATION_DEG:g}° more); default both",
+        help=f"of {', '.join(COLUMNS)} (turned by so many degrees more); default "
+        + ", ".join(DEFAULT_COLUMNS),
     )
     parser.add_argument(
         "--points", type=int, default=1024, help="of each cloud, default 1024; 0 for all"
