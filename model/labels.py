@@ -9,6 +9,9 @@ from model.exceptions import CloudShapeError, NonFiniteCloudError
 
 FloatArray = npt.NDArray[np.float64]
 
+# Along one channel; shades that differ by twice the width of a bump are told apart.
+_BUMPS, _SHADE = 7, 0.1
+
 
 def as_labels(labels: npt.ArrayLike | None, points: int, field: str) -> FloatArray | None:
     """Check labels (N, L) of ``points`` points; (N,) stands for L = 1.
@@ -96,4 +99,17 @@ def colour_labels(colours: npt.NDArray[np.floating]) -> FloatArray:
     """
     centred = np.c_[np.ones(len(colours)), np.asarray(colours, np.float64) - 0.5]
     unit: FloatArray = centred / np.linalg.norm(centred, axis=1, keepdims=True)
+    return unit
+
+
+def sharp_colour_labels(colours: npt.NDArray[np.floating]) -> FloatArray:
+    """l(x) of colours (N, 3) from 0 to 1 that tells a shade from the next, (N, 21) of unit length.
+
+    Seven bumps along each of red, green and blue: ⟨l, l'⟩ is nearly the mean over the three of
+    exp(−Δ²/4s²), the squared-exponential c_ij of the continuous odometry that the paper builds on.
+    """
+    centres = np.linspace(0.0, 1.0, _BUMPS)
+    off = np.asarray(colours, np.float64)[:, :, None] - centres
+    bumps = np.exp(-0.5 * (off / _SHADE) ** 2).reshape(len(colours), -1)
+    unit: FloatArray = bumps / np.linalg.norm(bumps, axis=1, keepdims=True)
     return unit

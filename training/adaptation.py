@@ -144,7 +144,7 @@ class KeepIfBetter(Callback):
     def on_fit_end(self, trainer: Trainer, pl_module: LightningModule) -> None:
         """Judge, then write or say why not."""
         data = getattr(trainer, "datamodule", None)
-        if not isinstance(data, TrackedData) or not trainer.is_global_zero:
+        if not isinstance(data, TrackedData) or not trainer.is_global_zero or trainer.fast_dev_run:
             return
         before = load_artifact(data.artifact)
         after = adapted_artifact(before, pl_module, trainer.global_step)

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from model.exceptions import TooFewPointsError
-from model.labels import colour_labels
+from model.labels import sharp_colour_labels
 from model.normalization import extent
 from model.odometry.sensor import DepthNoise
 from model.pair import PreparedTarget
@@ -101,7 +101,7 @@ class FramePreparer:
         points = np.ascontiguousarray(seen.points[rows])
         labels = None
         if framing.colour and seen.colours is not None:
-            labels = colour_labels(seen.colours[rows])
+            labels = sharp_colour_labels(seen.colours[rows])
         weights = None if framing.noise is None else framing.noise.weights(points[:, 2])
         self.unit = unit_for(points, self.unit)
         cloud = self.registrar.prepare(points, labels, framing.seed, weights, self.unit)
