@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import io
 import json
+import zipfile
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -28,6 +31,8 @@ from model.sequence import FrameSource
 FloatArray = npt.NDArray[np.float64]
 
 _MAP = "map_"
+# What reading a file that is cut short or of another kind may raise.
+_BROKEN = (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error)
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +121,8 @@ class RunState:
         if not path.exists():
             return None
         try:
-            with np.load(path, allow_pickle=False) as archive:
+            content = io.BytesIO(path.read_bytes())
+            with np.load(content, allow_pickle=False) as archive:
                 plain = json.loads(archive["plain"].tobytes())
                 voxels = {n[len(_MAP) :]: archive[n] for n in archive.files if n.startswith(_MAP)}
             state = cls(
@@ -130,7 +136,7 @@ class RunState:
                 int(plain["lost_in_a_row"]),
                 VoxelMap.from_state(voxels) if voxels else None,
             )
-        except (OSError, ValueError, KeyError, TypeError, EOFError, EquivAlignError) as error:
+        except (*_BROKEN, EquivAlignError) as error:
             raise UnreadableFileError(
                 "the state of an interrupted run can't be read",
                 field="out",
