@@ -72,10 +72,10 @@ class PreparedTarget:
         given = (self.points, self.labels, self.weights)
         return sum(a.nbytes for a in given if a is not None) + self.cloud.nbytes
 
-    def forget_views(self) -> None:
+    def forget(self) -> None:
         """Give back the memory of what is made again when it is asked for."""
-        self.cloud.dense.forget_views()
-        self.cloud.sparse.forget_views()
+        self.cloud.dense.forget()
+        self.cloud.sparse.forget()
 
 
 @dataclass(frozen=True, slots=True)

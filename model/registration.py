@@ -21,7 +21,7 @@ from model.options import Options
 from model.pair import GivenPair, Pair, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import Candidates, Start, evidence_at, grid_start, hypothesise, refine
+from model.search import Candidates, Start, evidence_at, flip_start, grid_start, hypothesise, refine
 from model.stopwatch import Stopwatch
 from model.verification import Examination, Judge, SurfaceAgreement
 
@@ -223,21 +223,40 @@ class Registrar:
         )
 
     def _search(self, pair: Pair, start: Start, options: Options) -> tuple[Start, Candidates]:
-        """Refine the start poses; the grid's, too, where the best of the others leaves a doubt."""
+        """Refine the start poses; flips of the best, too, and a grid where a doubt is left."""
         candidates = self._refine(pair, start, options)
         settings = self.artifact.settings.hypotheses_for(options.search)
-        certain = candidates.score[0] >= self._judge.DOUBT
-        if certain or not settings.grid_step_deg or options.deadline.passed():
-            return start, candidates
-        grid = grid_start(
-            start,
-            pair.target.function,
-            pair.source.function,
-            pair.sparse_spacing,
-            options.max_rotation_deg,
-            settings,
+        if settings.flips and self._doubtful(candidates, options):
+            start = flip_start(
+                start,
+                candidates.poses[: settings.flips],
+                pair.target.sparse,
+                pair.source.sparse,
+                options.max_rotation_deg,
+            )
+            candidates = self._also(candidates, pair, start, options)
+        if settings.grid_step_deg and self._doubtful(candidates, options):
+            start = grid_start(
+                start,
+                pair.target.function,
+                pair.source.function,
+                pair.sparse_spacing,
+                options.max_rotation_deg,
+                settings,
+            )
+            candidates = self._also(candidates, pair, start, options)
+        return start, candidates
+
+    def _also(
+        self, candidates: Candidates, pair: Pair, start: Start, options: Options
+    ) -> Candidates:
+        merge = self.artifact.settings.search
+        return candidates.joined(self._refine(pair, start, options)).distinct(
+            merge.merge_angle_deg, merge.merge_distance * pair.sparse_spacing
         )
-        return grid, candidates.joined(self._refine(pair, grid, options))
+
+    def _doubtful(self, candidates: Candidates, options: Options) -> bool:
+        return bool(candidates.score[0] < self._judge.DOUBT) and not options.deadline.passed()
 
     def _refine(self, pair: Pair, start: Start, options: Options) -> Candidates:
         return refine(

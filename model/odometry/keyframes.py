@@ -52,7 +52,7 @@ class Keyframes:
         """Take one more; the latest ones always stay."""
         if self._kept:
             # It may not be needed for long.
-            self._kept[-1].frame.cloud.forget_views()
+            self._kept[-1].frame.cloud.forget()
         self._kept.append(keyframe)
         if len(self._kept) > self.most:
             del self._kept[self._most_crowded()]

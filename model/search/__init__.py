@@ -2,7 +2,13 @@
 
 from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
 from model.search.hypotheses import KINDS, Hypotheses, within
-from model.search.hypothesise import HypothesisSettings, Start, grid_start, hypothesise
+from model.search.hypothesise import (
+    HypothesisSettings,
+    Start,
+    flip_start,
+    grid_start,
+    hypothesise,
+)
 
 __all__ = [
     "KINDS",
@@ -12,6 +18,7 @@ __all__ = [
     "SearchSettings",
     "Start",
     "evidence_at",
+    "flip_start",
     "grid_start",
     "hypothesise",
     "refine",

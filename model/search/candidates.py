@@ -14,7 +14,7 @@ from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
 from model.side_by_side import side_by_side
-from model.surface import REACH, SurfaceArrays, SurfaceCloud, descend
+from model.surface import VIEW, SurfaceArrays, SurfaceCloud, descend
 from model.verification import Evidence, Judge
 
 FloatArray = npt.NDArray[np.float64]
@@ -94,13 +94,25 @@ class Candidates:
         return self.poses[: int(close[:_CONTENDERS].sum())]
 
     def joined(self, other: Candidates) -> Candidates:
-        """Both, best first."""
-        score = np.concatenate([self.score, other.score])
-        order = np.argsort(-score, kind="stable")
-        evidence = self.evidence.joined(other.evidence)
-        hypotheses = Hypotheses.joined([self.hypotheses, other.hypotheses])
+        """Both, as they were judged; ``distinct`` sorts them."""
         return Candidates(
-            hypotheses.select(torch.from_numpy(order)), evidence.select(order), score[order]
+            Hypotheses.joined([self.hypotheses, other.hypotheses]),
+            self.evidence.joined(other.evidence),
+            np.concatenate([self.score, other.score]),
+        )
+
+    def distinct(self, merge_angle_deg: float, merge_distance: float) -> Candidates:
+        """Best first, those that are nearly the same merged."""
+        order = distinct(
+            self.hypotheses.T_target_source,
+            torch.from_numpy(self.score),
+            len(self.score),
+            merge_angle_deg,
+            merge_distance,
+        )
+        rows = order.numpy()
+        return Candidates(
+            self.hypotheses.select(order), self.evidence.select(rows), self.score[rows]
         )
 
 
@@ -157,7 +169,7 @@ def _stepped(
 ) -> Hypotheses:
     """Every pose moved by one level's steps."""
     ell, across = level.lengthscale * spacing, level.across * spacing
-    view = target.at(REACH * level.lengthscale * spacing)
+    view = target.at(VIEW * level.lengthscale * spacing)
     T = hypotheses.T_target_source.double().numpy()
 
     def stepped(pose: FloatArray) -> FloatArray:
@@ -181,16 +193,10 @@ def _judged(
     """Scored, best first, those that are nearly the same merged."""
     T = hypotheses.T_target_source
     evidence = evidence_at(T.double().numpy(), start, target, source)
-    score = judge.log_odds(evidence)
-    order = distinct(
-        T,
-        torch.from_numpy(score),
-        len(T),
-        settings.merge_angle_deg,
-        settings.merge_distance * max(target.spacing, source.spacing),
+    found = Candidates(hypotheses, evidence, judge.log_odds(evidence))
+    return found.distinct(
+        settings.merge_angle_deg, settings.merge_distance * max(target.spacing, source.spacing)
     )
-    rows = order.numpy()
-    return Candidates(hypotheses.select(order), evidence.select(rows), score[rows])
 
 
 def evidence_at(

@@ -11,7 +11,7 @@ from torch import Tensor
 
 from model.se3 import rotation_angle
 
-KINDS = ("initial", "identity", "consensus", "matched", "grid")
+KINDS = ("initial", "identity", "consensus", "matched", "flip", "grid")
 
 
 @dataclass(frozen=True, slots=True)

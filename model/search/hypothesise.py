@@ -1,4 +1,4 @@
-"""Where the search starts: the caller's guess, no motion, poses that features name, and a grid."""
+"""Where the search starts: the guess, no motion, poses that features name, flips, and a grid."""
 
 from __future__ import annotations
 
@@ -13,10 +13,12 @@ from torch import Tensor
 from model.cloud_function import CloudFunction
 from model.se3 import rotation_angle
 from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted
+from model.search.flips import flipped_poses
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
 from model.search.voting import voted_poses
+from model.surface import SurfaceCloud
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -38,6 +40,7 @@ class HypothesisSettings:
         triplets: whether there are any of those.
         matches: poses from one match each that are put to the vote; 0 for none.
         voted: most of those that are kept.
+        flips: how many of the best candidates are turned about the object's axes; see flips.py.
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
         grid_levels: how the grid's poses slide into the basins of wide kernels.
         grid_kept: most of the grid's poses that are kept.
@@ -48,6 +51,7 @@ class HypothesisSettings:
     consensus: ConsensusSettings = field(default_factory=ConsensusSettings)
     matches: int = 150
     voted: int = 6
+    flips: int = 2
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
     grid_kept: int = 8
@@ -72,6 +76,13 @@ class Start:
         R = torch.from_numpy(T[None, :3, :3]).float()
         angle = rotation_angle(R, self.hypotheses.T_target_source[:1, :3, :3])
         return bool(angle.rad2deg() <= max_rotation_deg + ROTATION_SLACK_DEG)
+
+    def with_others(self, others: Hypotheses, tried: int, max_rotation_deg: float) -> Start:
+        """The first pose, and instead of the rest those of others that turn no farther from it."""
+        first = self.hypotheses.select(torch.tensor([0]))
+        poses = Hypotheses.joined([first, others])
+        allowed = within(poses, first.T_target_source[0, :3, :3], max_rotation_deg)
+        return Start(poses.select(allowed), self.matches, self.tried + tried)
 
 
 def hypothesise(
@@ -108,17 +119,37 @@ def hypothesise(
     matches = matched_points(target, source, groups if uses_features else 0)
     if settings.triplets:
         agreed = consensus(matches, spacing, settings.consensus, seed)
-        parts.append(_of_features("consensus", agreed.T_target_source))
+        parts.append(_of_kind("consensus", agreed.T_target_source))
         tried += agreed.tried
     if settings.matches and len(matches.x):
         single = matched_poses(target, source, settings.matches)
         voted = voted_poses(single, settings.voted, spacing).double().numpy()
-        parts.append(_of_features("matched", fitted(voted, matches, spacing, settings.consensus)))
+        parts.append(_of_kind("matched", fitted(voted, matches, spacing, settings.consensus)))
         tried += len(single)
     every = Hypotheses.joined(parts)
     allowed = within(every, centre[:3, :3], max_rotation_deg)
     allowed[0] = True
     return Start(every.select(allowed), matches, tried)
+
+
+def flip_start(
+    start: Start,
+    T: FloatArray,
+    target: SurfaceCloud,
+    source: SurfaceCloud,
+    max_rotation_deg: float,
+) -> Start:
+    """What good poses become when they are turned about the object's axes.
+
+    Args:
+        start: the other start poses.
+        T: (K, 4, 4) good poses.
+        target: N points.
+        source: M points.
+        max_rotation_deg: from the first of the start poses.
+    """
+    flipped = np.concatenate([flipped_poses(pose, target, source) for pose in T])
+    return start.with_others(_of_kind("flip", flipped), len(flipped), max_rotation_deg)
 
 
 def grid_start(
@@ -150,10 +181,8 @@ def grid_start(
         settings.grid_kept,
         spacing,
     )
-    poses = Hypotheses.joined([first, Hypotheses.of_kind("grid", grid)])
-    allowed = within(poses, first.T_target_source[0, :3, :3], max_rotation_deg)
-    return Start(poses.select(allowed), start.matches, start.tried + seen)
+    return start.with_others(Hypotheses.of_kind("grid", grid), seen, max_rotation_deg)
 
 
-def _of_features(kind: str, T: FloatArray) -> Hypotheses:
+def _of_kind(kind: str, T: FloatArray) -> Hypotheses:
     return Hypotheses.of_kind(kind, torch.from_numpy(T).float())

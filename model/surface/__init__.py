@@ -4,15 +4,18 @@ from model.surface.cells import Cells, cells_of
 from model.surface.cloud import CellView, SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish
 from model.surface.descent import Descent, descend
-from model.surface.moments import REACH, SurfaceArrays, SurfaceMoments, surface_moments
+from model.surface.moments import REACH, VIEW, SurfaceArrays, SurfaceMoments, surface_moments
+from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.patches import Patches, surface_spacing
 from model.surface.solver import SurfaceLoop, SurfaceSolution, surface_product, surface_products
 
 __all__ = [
     "REACH",
+    "VIEW",
     "CellView",
     "Cells",
     "Descent",
+    "NearPairs",
     "Patches",
     "SurfaceArrays",
     "SurfaceCloud",
@@ -22,6 +25,7 @@ __all__ = [
     "SurfaceSolution",
     "cells_of",
     "descend",
+    "near_pairs",
     "newton_polish",
     "surface_moments",
     "surface_product",

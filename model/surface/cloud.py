@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
+from typing import Any, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -13,8 +15,9 @@ from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
 
 _NEIGHBOURS = 6
-# ℓ follows the pair, so a cloud that serves many pairs is asked for ever new views.
-_KEPT_VIEWS = 8
+_REMEMBERED = 16
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +44,7 @@ class SurfaceCloud:
 
     arrays: SurfaceArrays
     spacing: float
-    _views: dict[float, CellView] = field(default_factory=dict, repr=False, compare=False)
-    _neighbours: dict[float, IntArray] = field(default_factory=dict, repr=False, compare=False)
+    _known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
     def of(
@@ -74,31 +76,43 @@ class SurfaceCloud:
         return cls(arrays, patches.spacing)
 
     def at(self, reach: float) -> CellView:
-        """The cloud in cells as large as ``reach``; the latest few are kept."""
-        view = self._views.get(reach)
-        if view is None:
-            cells = cells_of(self.arrays.points, reach)
-            view = CellView(cells, ordered(self.arrays, cells.order))
-            self._views[reach] = view
-            # Other threads may ask at the same time: a copy of the keys can't change meanwhile.
-            for old in list(self._views)[:-_KEPT_VIEWS]:
-                self._views.pop(old, None)
-        return view
+        """The cloud in cells as large as ``reach``; made once."""
 
-    def forget_views(self) -> None:
-        """Give back the memory of what is made again when it is asked for."""
-        self._views.clear()
-        self._neighbours.clear()
+        def view() -> CellView:
+            cells = cells_of(self.arrays.points, reach)
+            return CellView(cells, ordered(self.arrays, cells.order))
+
+        return self.remembered(("view", reach), view)
 
     def neighbours(self, reach: float) -> IntArray:
         """(N, k) the nearest other points of each, as rows of ``at(reach)``; found once."""
-        found = self._neighbours.get(reach)
-        if found is None:
+
+        def neighbours() -> IntArray:
             points = self.at(reach).arrays.points
             k = min(_NEIGHBOURS, len(points) - 1)
             _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
-            found = self._neighbours[reach] = np.ascontiguousarray(index, np.int64)
-        return found
+            return np.ascontiguousarray(index, np.int64)
+
+        return self.remembered(("neighbours", reach), neighbours)
+
+    def remembered(self, key: Hashable, make: Callable[[], Value]) -> Value:
+        """What was made for this key, or is made now; the cloud itself doesn't change.
+
+        The latest few are kept: ℓ follows the pair, so a cloud that serves many pairs is asked for
+        ever new views.
+        """
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = make()
+            # Other threads may ask meanwhile; a copy of the keys doesn't change.
+            for old in list(self._known)[:-_REMEMBERED]:
+                self._known.pop(old, None)
+        value: Value = known
+        return value
+
+    def forget(self) -> None:
+        """Give back the memory of what is made again when it is asked for."""
+        self._known.clear()
 
     def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
         """Some of its points, with the normals they have among all."""
@@ -114,7 +128,8 @@ class SurfaceCloud:
 
     def without_features(self) -> SurfaceCloud:
         """The geometry and the labels alone."""
-        return self.with_features(np.zeros((len(self.arrays.points), 3, 0), np.float32))
+        none = np.zeros((len(self.arrays.points), 3, 0), np.float32)
+        return self.remembered("without features", lambda: self.with_features(none))
 
 
 def ordered(arrays: SurfaceArrays, index: npt.NDArray[np.int64]) -> SurfaceArrays:

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.compiled import compiled
-from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.cells import FloatArray
 from model.surface.cloud import CellView
 from model.surface.descent import retracted
 from model.surface.moments import SurfaceArrays, surface_moments
+from model.surface.near_pairs import NearPairs, near_pairs
 
 # The gradient is exact, so its differences are good to about this, relative to the curvature.
 _STEP = 1e-6
 _TRIES = 5
+_WIDER = 1.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +37,24 @@ class SurfaceCurvature:
     @classmethod
     def of(
         cls,
-        view: CellView,
+        pairs: NearPairs,
+        target: SurfaceArrays,
         source: SurfaceArrays,
         T: FloatArray,
         lengthscale: float,
         across: float,
         cut: float,
     ) -> SurfaceCurvature:
-        """Differentiate at one pose; the arguments are those of ``surface_moments``."""
-        here = surface_moments(view.cells, view.arrays, source, T, lengthscale, across, cut)
+        """Differentiate at one pose; the arguments are those of ``surface_moments``.
+
+        With all pairs nearer than ``cut`` and no others, none comes or goes meanwhile.
+        """
+        cut = _WIDER * cut
+        here = surface_moments(pairs, target, source, T, lengthscale, across, cut)
         H = np.empty((6, 6))
         for axis, delta in enumerate(_STEP * np.eye(6)):
             T_ahead = retracted(T, delta)
-            ahead = surface_moments(
-                view.cells, view.arrays, source, T_ahead, lengthscale, across, cut
-            )
+            ahead = surface_moments(pairs, target, source, T_ahead, lengthscale, across, cut)
             H[:, axis] = (ahead.gradient - here.gradient) / _STEP
         return cls(here.value, here.gradient, 0.5 * (H + H.T))
 
@@ -66,10 +71,22 @@ def newton_polish(
 ) -> tuple[FloatArray, SurfaceCurvature, bool]:
     """Damped Newton steps to the maximum of S; no step that lowers it is taken.
 
+    Args:
+        view: of the target, in cells of at least a cut.
+        source: M points.
+        T: (4, 4) near the maximum.
+        lengthscale: ℓ along the surface.
+        across: ℓ_n across it.
+        cut: pairs farther apart are left out.
+        steps: at most this many.
+        tolerance: a step with ‖δ‖ below this isn't taken.
+
     Returns:
         the pose (4, 4), the curvature before the last step, and whether it was below 1e-4.
     """
-    curvature = SurfaceCurvature.of(view, source, T, lengthscale, across, cut)
+    target = view.arrays
+    pairs = near_pairs(view.cells, target.points, source.points, T, cut)
+    curvature = SurfaceCurvature.of(pairs, target, source, T, lengthscale, across, cut)
     small = False
     for step in range(steps):
         values, axes = np.linalg.eigh(-curvature.hessian)
@@ -81,9 +98,7 @@ def newton_polish(
             break
         for _ in range(_TRIES):
             T_try = retracted(T, delta)
-            there = surface_moments(
-                view.cells, view.arrays, source, T_try, lengthscale, across, cut
-            )
+            there = surface_moments(pairs, target, source, T_try, lengthscale, across, _WIDER * cut)
             if there.value >= curvature.value:
                 T = T_try
                 break
@@ -92,7 +107,8 @@ def newton_polish(
             break
         if small or step + 1 == steps:
             break
-        curvature = SurfaceCurvature.of(view, source, T, lengthscale, across, cut)
+        pairs = near_pairs(view.cells, target.points, source.points, T, cut)
+        curvature = SurfaceCurvature.of(pairs, target, source, T, lengthscale, across, cut)
     return T, curvature, small
 
 
@@ -109,9 +125,8 @@ def pull_spread(
     Σ_j s_j s_jᵀ + Σ_i t_i t_iᵀ − Σ_ij p_ij p_ijᵀ: a pair belongs to one point of each cloud and
     would otherwise count twice.
     """
-    by_target, by_source, pairs = _pulls(
-        view.cells, view.arrays, source, T, lengthscale, across, cut
-    )
+    listed = near_pairs(view.cells, view.arrays.points, source.points, T, cut)
+    by_target, by_source, pairs = _pulls(listed, view.arrays, source, T, lengthscale, across)
     spread = by_source.T @ by_source + by_target.T @ by_target - pairs
     values, axes = np.linalg.eigh(spread)
     floored: FloatArray = (axes * np.maximum(values, 1e-12 * max(values[-1], 1e-30))) @ axes.T
@@ -120,13 +135,12 @@ def pull_spread(
 
 @compiled
 def _pulls(
-    cells: Cells,
+    near: NearPairs,
     target: SurfaceArrays,
     source: SurfaceArrays,
     T: FloatArray,
     lengthscale: float,
     across: float,
-    cut: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Each point's share of the gradient, (N, 6) and (M, 6), and Σ p pᵀ over the pairs, (6, 6).
 
@@ -141,12 +155,10 @@ def _pulls(
     pairs = np.zeros((6, 6))
     pull = np.empty(6)
     turned = np.empty(width, np.float32)
-    runs = np.empty((9, 2), np.int64)
     R, t = np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy()
     for j in range(len(source.points)):
         y = R @ source.points[j] + t
         m = R @ source.normals[j]
-        count = runs_around(cells, y[0], y[1], y[2], runs)
         for c in range(channels):
             for a in range(3):
                 turned[a * channels + c] = (
@@ -154,43 +166,41 @@ def _pulls(
                     + T[a, 1] * source.features[j, channels + c]
                     + T[a, 2] * source.features[j, 2 * channels + c]
                 )
-        for run in range(count):
-            for p in range(runs[run, 0], runs[run, 1]):
-                d0 = target.points[p, 0] - y[0]
-                d1 = target.points[p, 1] - y[1]
-                d2 = target.points[p, 2] - y[2]
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 > cut * cut:
-                    continue
-                n0, n1, n2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
-                dot = n0 * m[0] + n1 * m[1] + n2 * m[2]
-                r = n0 * d0 + n1 * d1 + n2 * d2
-                q = m[0] * d0 + m[1] * d1 + m[2] * d2
-                both = 0.5 * source.weights[j] * target.weights[p] * dot * dot
-                if traits:
-                    c_xz = 0.0
-                    for c in range(traits):
-                        c_xz += target.labels[p, c] * source.labels[j, c]
-                    both *= c_xz
-                if width:
-                    s = np.float32(0.0)
-                    for c in range(width):
-                        s += target.features[p, c] * turned[c]
-                    both *= math.tanh(1.0 + s)
-                iso = distance2 * a_iso
-                w = both * math.exp(-0.5 * (iso + r * r * a_normal))
-                o = both * math.exp(-0.5 * (iso + q * q * a_normal))
-                t0 = a_iso * (w + o) * d0 + a_normal * (w * r * n0 + o * q * m[0])
-                t1 = a_iso * (w + o) * d1 + a_normal * (w * r * n1 + o * q * m[1])
-                t2 = a_iso * (w + o) * d2 + a_normal * (w * r * n2 + o * q * m[2])
-                u = a_normal * o * q
-                pull[0], pull[1], pull[2] = t0, t1, t2
-                pull[3] = y[1] * t2 - y[2] * t1 + u * (d1 * m[2] - d2 * m[1])
-                pull[4] = y[2] * t0 - y[0] * t2 + u * (d2 * m[0] - d0 * m[2])
-                pull[5] = y[0] * t1 - y[1] * t0 + u * (d0 * m[1] - d1 * m[0])
-                for a in range(6):
-                    by_target[p, a] += pull[a]
-                    by_source[j, a] += pull[a]
-                    for b in range(6):
-                        pairs[a, b] += pull[a] * pull[b]
+        for at in range(near.start[j], near.start[j + 1]):
+            p = near.target[at]
+            d0 = target.points[p, 0] - y[0]
+            d1 = target.points[p, 1] - y[1]
+            d2 = target.points[p, 2] - y[2]
+            distance2 = d0 * d0 + d1 * d1 + d2 * d2
+            n0, n1, n2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
+            dot = n0 * m[0] + n1 * m[1] + n2 * m[2]
+            r = n0 * d0 + n1 * d1 + n2 * d2
+            q = m[0] * d0 + m[1] * d1 + m[2] * d2
+            both = 0.5 * source.weights[j] * target.weights[p] * dot * dot
+            if traits:
+                c_xz = 0.0
+                for c in range(traits):
+                    c_xz += target.labels[p, c] * source.labels[j, c]
+                both *= c_xz
+            if width:
+                s = np.float32(0.0)
+                for c in range(width):
+                    s += target.features[p, c] * turned[c]
+                both *= math.tanh(1.0 + s)
+            iso = distance2 * a_iso
+            w = both * math.exp(-0.5 * (iso + r * r * a_normal))
+            o = both * math.exp(-0.5 * (iso + q * q * a_normal))
+            t0 = a_iso * (w + o) * d0 + a_normal * (w * r * n0 + o * q * m[0])
+            t1 = a_iso * (w + o) * d1 + a_normal * (w * r * n1 + o * q * m[1])
+            t2 = a_iso * (w + o) * d2 + a_normal * (w * r * n2 + o * q * m[2])
+            u = a_normal * o * q
+            pull[0], pull[1], pull[2] = t0, t1, t2
+            pull[3] = y[1] * t2 - y[2] * t1 + u * (d1 * m[2] - d2 * m[1])
+            pull[4] = y[2] * t0 - y[0] * t2 + u * (d2 * m[0] - d0 * m[2])
+            pull[5] = y[0] * t1 - y[1] * t0 + u * (d0 * m[1] - d1 * m[0])
+            for a in range(6):
+                by_target[p, a] += pull[a]
+                by_source[j, a] += pull[a]
+                for b in range(6):
+                    pairs[a, b] += pull[a] * pull[b]
     return by_target, by_source, pairs

@@ -10,6 +10,7 @@ import numpy as np
 from model.compiled import compiled
 from model.surface.cells import Cells, FloatArray
 from model.surface.moments import REACH, SurfaceArrays, surface_moments
+from model.surface.near_pairs import SLACK, farthest_move, near_pairs
 
 _DAMPING = 1e-6
 _HALVINGS = 4
@@ -47,7 +48,7 @@ def descend(
     """Raise S from T (4, 4); a step that would lower it is halved, then given up.
 
     Args:
-        cells: of the target, at least ``REACH`` ℓ in size.
+        cells: of the target, at least ``VIEW`` ℓ in size.
         target: in cell order.
         source: in any order.
         T: where to start.
@@ -60,7 +61,9 @@ def descend(
     cut = REACH * lengthscale
     T = T.copy()
     values, deltas, count = np.zeros(steps), np.zeros((steps, 6)), 0
-    here = surface_moments(cells, target, source, T, lengthscale, across, cut)
+    T_listed = T
+    pairs = near_pairs(cells, target.points, source.points, T, SLACK * cut)
+    here = surface_moments(pairs, target, source, T, lengthscale, across, cut)
     for _ in range(steps):
         if here.value <= 1e-12:
             break
@@ -71,7 +74,10 @@ def descend(
         improved = False
         for _ in range(_HALVINGS):
             T_try = retracted(T, delta)
-            there = surface_moments(cells, target, source, T_try, lengthscale, across, cut)
+            if farthest_move(source.points, T_listed, T_try) > (SLACK - 1.0) * cut:
+                T_listed = T_try
+                pairs = near_pairs(cells, target.points, source.points, T_try, SLACK * cut)
+            there = surface_moments(pairs, target, source, T_try, lengthscale, across, cut)
             if there.value > here.value:
                 improved = True
                 break

@@ -18,10 +18,15 @@ import numpy as np
 import numpy.typing as npt
 
 from model.compiled import compiled
-from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.cells import FloatArray
+from model.surface.near_pairs import SLACK, NearPairs
 
 # exp(−3²/2) = 0.011 is where the kernel ends.
 REACH = 3.0
+# Cells of a cloud on which the kernel's sums are taken again and again, in ℓ.
+VIEW = SLACK * REACH
+# exp(−40/2) = 2·10⁻⁹: pairs that stand so far above each other's planes add nothing.
+_NEGLIGIBLE = 40.0
 
 
 class SurfaceArrays(NamedTuple):
@@ -58,7 +63,7 @@ class SurfaceMoments(NamedTuple):
 
 @compiled
 def surface_moments(
-    cells: Cells,
+    pairs: NearPairs,
     target: SurfaceArrays,
     source: SurfaceArrays,
     T: FloatArray,
@@ -66,12 +71,12 @@ def surface_moments(
     across: float,
     cut: float,
 ) -> SurfaceMoments:
-    """Sum over all pairs nearer than ``cut`` (the cells must be at least that large).
+    """Sum over the pairs nearer than ``cut``.
 
     Args:
-        cells: of the target's points.
-        target: in cell order.
-        source: in any order.
+        pairs: all that are nearer than ``cut``, and maybe others.
+        target: N points.
+        source: M points.
         T: (4, 4) T_target_source.
         lengthscale: ℓ along the surface.
         across: ℓ_n across it.
@@ -84,18 +89,16 @@ def surface_moments(
     traits = target.labels.shape[1]
     turned = np.empty(width, np.float32)
     pull = np.zeros(width)
-    runs = np.empty((9, 2), np.int64)
     H = np.zeros((6, 6))
     value = 0.0
     g0 = g1 = g2 = g3 = g4 = g5 = 0.0
     for j in range(len(source.points)):
+        if pairs.start[j] == pairs.start[j + 1]:
+            continue
         z0, z1, z2 = source.points[j, 0], source.points[j, 1], source.points[j, 2]
         y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
         y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
         y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
-        count = runs_around(cells, y0, y1, y2, runs)
-        if count == 0:
-            continue
         n0, n1, n2 = source.normals[j, 0], source.normals[j, 1], source.normals[j, 2]
         m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
         m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
@@ -114,51 +117,54 @@ def surface_moments(
         p00 = p01 = p02 = p11 = p12 = p22 = v0 = v1 = v2 = 0.0
         own = u = u0 = u1 = u2 = 0.0
         b0 = b1 = b2 = 0.0
-        for run in range(count):
-            for p in range(runs[run, 0], runs[run, 1]):
-                d0 = target.points[p, 0] - y0
-                d1 = target.points[p, 1] - y1
-                d2 = target.points[p, 2] - y2
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 > cut * cut:
-                    continue
-                x0, x1, x2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
-                dot = x0 * m0 + x1 * m1 + x2 * m2
-                likeness = dot * dot
-                if likeness < 1e-4:
-                    continue
-                r = x0 * d0 + x1 * d1 + x2 * d2
-                q = m0 * d0 + m1 * d1 + m2 * d2
-                iso = distance2 * a_iso
-                both = 0.5 * weight * target.weights[p]
-                if traits:
-                    c_xz = 0.0
-                    for c in range(traits):
-                        c_xz += target.labels[p, c] * source.labels[j, c]
-                    both *= c_xz
-                w = both * math.exp(-0.5 * (iso + r * r * a_normal))
-                o = both * math.exp(-0.5 * (iso + q * q * a_normal))
-                if width:
-                    s = np.float32(0.0)
-                    for c in range(width):
-                        s += target.features[p, c] * turned[c]
-                    kappa = math.tanh(1.0 + s)
-                    bend = (1.0 - kappa * kappa) * likeness * (w + o)
-                    for c in range(width):
-                        pull[c] += bend * target.features[p, c]
-                    w, o = w * kappa, o * kappa
-                spin = 2.0 * dot * (w + o)
-                b0, b1, b2 = b0 + spin * x0, b1 + spin * x1, b2 + spin * x2
-                w, o = w * likeness, o * likeness
-                k = w + o
-                mass += k
-                e0, e1, e2 = e0 + k * d0, e1 + k * d1, e2 + k * d2
-                p00, p01, p02 = p00 + w * x0 * x0, p01 + w * x0 * x1, p02 + w * x0 * x2
-                p11, p12, p22 = p11 + w * x1 * x1, p12 + w * x1 * x2, p22 + w * x2 * x2
-                v0, v1, v2 = v0 + w * r * x0, v1 + w * r * x1, v2 + w * r * x2
-                own += o
-                u += o * q
-                u0, u1, u2 = u0 + o * q * d0, u1 + o * q * d1, u2 + o * q * d2
+        for at in range(pairs.start[j], pairs.start[j + 1]):
+            p = pairs.target[at]
+            d0 = target.points[p, 0] - y0
+            d1 = target.points[p, 1] - y1
+            d2 = target.points[p, 2] - y2
+            distance2 = d0 * d0 + d1 * d1 + d2 * d2
+            if distance2 > cut * cut:
+                continue
+            x0, x1, x2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
+            dot = x0 * m0 + x1 * m1 + x2 * m2
+            likeness = dot * dot
+            if likeness < 1e-4:
+                continue
+            r = x0 * d0 + x1 * d1 + x2 * d2
+            q = m0 * d0 + m1 * d1 + m2 * d2
+            iso = distance2 * a_iso
+            from_target, from_source = iso + r * r * a_normal, iso + q * q * a_normal
+            if min(from_target, from_source) > _NEGLIGIBLE:
+                continue
+            both = 0.5 * weight * target.weights[p]
+            if traits:
+                c_xz = 0.0
+                for c in range(traits):
+                    c_xz += target.labels[p, c] * source.labels[j, c]
+                both *= c_xz
+            w = both * math.exp(-0.5 * from_target)
+            o = both * math.exp(-0.5 * from_source)
+            if width:
+                s = np.float32(0.0)
+                for c in range(width):
+                    s += target.features[p, c] * turned[c]
+                kappa = math.tanh(1.0 + s)
+                bend = (1.0 - kappa * kappa) * likeness * (w + o)
+                for c in range(width):
+                    pull[c] += bend * target.features[p, c]
+                w, o = w * kappa, o * kappa
+            spin = 2.0 * dot * (w + o)
+            b0, b1, b2 = b0 + spin * x0, b1 + spin * x1, b2 + spin * x2
+            w, o = w * likeness, o * likeness
+            k = w + o
+            mass += k
+            e0, e1, e2 = e0 + k * d0, e1 + k * d1, e2 + k * d2
+            p00, p01, p02 = p00 + w * x0 * x0, p01 + w * x0 * x1, p02 + w * x0 * x2
+            p11, p12, p22 = p11 + w * x1 * x1, p12 + w * x1 * x2, p22 + w * x2 * x2
+            v0, v1, v2 = v0 + w * r * x0, v1 + w * r * x1, v2 + w * r * x2
+            own += o
+            u += o * q
+            u0, u1, u2 = u0 + o * q * d0, u1 + o * q * d1, u2 + o * q * d2
         if mass == 0.0:
             continue
         value += mass

@@ -15,17 +15,21 @@ from model.surface.cloud import SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
 from model.surface.descent import descend
 from model.surface.meeting import Meeting
-from model.surface.moments import REACH, surface_moments
+from model.surface.moments import REACH, VIEW, surface_moments
+from model.surface.near_pairs import near_pairs
 
 Stop = Callable[[], bool]
 
-# The last sums reach farther, so that no pair leaves them while they are differentiated.
-_LAST_REACH = 4.0
 _NEWTON_STEPS = 3
 _SMALL = 4000
 # The last ℓ may take this many times the steps of the others to come to rest.
 _LAST_STEPS = 2
-_MANY, _WIDEST = 700, 1.4
+_MANY, _WIDEST = 700, 2.0
+# Independent samples of a surface have their nearest points √(ln 2/π) = 0.47 spacings apart in the
+# median; clouds that meet more closely than this share their points.
+_SHARED = 0.3
+# The planes of independent samples are what tells the pose: ℓ_n is then this much sharper.
+_SHARPER = 0.4
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,22 +75,26 @@ class SurfaceLoop:
             stop: asked between steps; the best pose so far is then the answer.
         """
         spacing = max(target.spacing, source.spacing)
-        # Few points average their noise less: they get wider kernels.
+        # Few points pull each other along the surface, where they don't correspond: the farther
+        # the kernel reaches along it, the less.
         fewer = min(len(target.arrays.points), len(source.arrays.points))
-        spacing *= float(np.clip((_MANY / fewer) ** 0.25, 1.0, _WIDEST))
-        ell, across = self.lengthscale * spacing, self.across * spacing
+        wide = float(np.clip((_MANY / fewer) ** 0.5, 1.0, _WIDEST))
+        ell, across = self.lengthscale * wide * spacing, self.across * spacing
         steps: list[Step] = []
         T, steady = self._level(target, source, T, ell, across, self.steps, stop, steps)
         for left in reversed(range(self.rounds)):
             meeting = Meeting.of(target, source, T)
             if meeting is None or stop():
                 break
-            ell = float(np.clip(self.growth * meeting.distance, self.least * spacing, ell))
+            apart = meeting.distance > _SHARED * spacing
+            growth = self.growth * (wide if apart else 1.0)
+            growth_across = self.growth_across * (_SHARPER if apart else 1.0)
+            ell = float(np.clip(growth * meeting.distance, self.least * spacing, ell))
             across = min(
                 ell,
                 float(
                     np.clip(
-                        self.growth_across * meeting.height,
+                        growth_across * meeting.height,
                         self.least_across * spacing,
                         self.across * spacing,
                     )
@@ -94,7 +102,7 @@ class SurfaceLoop:
             )
             most = self.steps if left else _LAST_STEPS * self.steps
             T, steady = self._level(target, source, T, ell, across, most, stop, steps)
-        view, cut = target.at(_LAST_REACH * ell), _LAST_REACH * ell
+        view, cut = target.at(VIEW * ell), REACH * ell
         rounds = 0 if stop() else _NEWTON_STEPS
         T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
         spread = pull_spread(view, source.arrays, T, ell, across, cut)
@@ -115,7 +123,7 @@ class SurfaceLoop:
         trace: list[Step],
     ) -> tuple[FloatArray, bool]:
         """Steps at one ℓ, recorded; tells whether they came to rest."""
-        view = target.at(REACH * ell)
+        view = target.at(VIEW * ell)
         own = surface_norms(target, source, ell, across)
         # A large cloud's steps take so long that ``stop`` is asked after each two.
         at_once = most if len(source.arrays.points) <= _SMALL else 2
@@ -177,9 +185,14 @@ def surface_norms(
     target: SurfaceCloud, source: SurfaceCloud, ell: float, across: float
 ) -> tuple[float, float]:
     """⟨X,X⟩ and ⟨Z,Z⟩."""
-    eye = np.eye(4)
-    x, z = (surface_product(cloud, cloud, eye, ell, across) for cloud in (target, source))
-    return x, z
+    return surface_norm(target, ell, across), surface_norm(source, ell, across)
+
+
+def surface_norm(cloud: SurfaceCloud, ell: float, across: float) -> float:
+    """⟨X,X⟩, taken once for each ℓ."""
+    return cloud.remembered(
+        ("norm", ell, across), lambda: surface_product(cloud, cloud, np.eye(4), ell, across)
+    )
 
 
 def surface_product(
@@ -187,5 +200,6 @@ def surface_product(
 ) -> float:
     """⟨X,hZ⟩ alone."""
     cut = REACH * ell
-    view = target.at(cut)
-    return surface_moments(view.cells, view.arrays, source.arrays, T, ell, across, cut).value
+    view = target.at(VIEW * ell)
+    pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, cut)
+    return surface_moments(pairs, view.arrays, source.arrays, T, ell, across, cut).value

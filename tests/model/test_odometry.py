@@ -223,14 +223,14 @@ def test_a_keyframe_that_is_passed_gives_its_views_back(registrar: Registrar) ->
     tracker = Tracker(FramePreparer(registrar, Framing(points=700)), TrackerSettings(mode="frame"))
     for frame in frames:
         tracker.track(frame)
-    assert not frames[0].cloud.cloud.dense._views
+    assert not frames[0].cloud.cloud.dense._known
 
 
 def test_views_of_a_cloud_that_serves_many_pairs_stay_few(registrar: Registrar) -> None:
     dense = prepared(registrar, boxes(0)).cloud.cloud.dense
-    views = [dense.at(0.1 + 0.01 * k) for k in range(20)]
-    assert len(dense._views) < 10
-    assert dense.at(0.1 + 0.01 * 19) is views[-1]
+    views = [dense.at(0.1 + 0.01 * k) for k in range(40)]
+    assert len(dense._known) < 20
+    assert dense.at(0.1 + 0.01 * 39) is views[-1]
 
 
 def test_a_loop_of_true_motions_is_closed() -> None:

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 import torch
+from scipy.spatial import KDTree
 
 from model.cloud_function import CloudFunction
 from model.encoder import build_encoder
@@ -22,11 +23,13 @@ from model.search.consensus import (
 )
 from model.search.consensus import consensus as triplet_consensus
 from model.search.field_steps import field_score, field_step
+from model.search.flips import flipped_poses
 from model.search.hypotheses import KINDS, distinct
 from model.search.kernel_field import KernelField
 from model.search.matching import matched_points, matched_poses
 from model.search.so3_grid import so3_grid
 from model.search.voting import consensus, support
+from model.surface import SurfaceCloud
 
 
 def test_the_grid_covers_every_rotation_evenly():
@@ -209,3 +212,22 @@ def test_each_source_of_hypotheses_can_be_switched_off(off, cloud):
 def test_selecting_keeps_kinds_in_order():
     hypotheses = Hypotheses(torch.eye(4).repeat(3, 1, 1), torch.tensor([0, 1, 2]))
     assert hypotheses.select(torch.tensor([2, 0])).kind.tolist() == [2, 0]
+
+
+def test_flips_lay_a_box_onto_itself():
+    rng = np.random.default_rng(0)
+    box = rng.uniform(-1.0, 1.0, (1200, 3))
+    face = rng.integers(0, 3, len(box))
+    box[np.arange(len(box)), face] = np.sign(box[np.arange(len(box)), face])
+    box = box * (0.7, 0.45, 0.3) + (0.1, 0.2, -0.1)
+    cloud = SurfaceCloud.of(box)
+    T = np.eye(4)
+    flips = flipped_poses(T, cloud, cloud)
+    moved = np.einsum("kab,nb->kna", flips[:, :3, :3], box) + flips[:, None, :3, 3]
+    off = np.array([KDTree(box).query(cloud_at)[0].mean() for cloud_at in moved])
+    turned = np.degrees(np.arccos(np.clip((np.trace(flips[:, :3, :3], 0, 1, 2) - 1) / 2, -1, 1)))
+    # The three half turns of a box are among them, each as good as no turn.
+    halves = flips[(off < 1.5 * cloud.spacing) & (turned > 179.0)]
+    axes = np.abs(np.array([np.diag(S[:3, :3]) for S in halves])).min(axis=1)
+    assert (axes > 0.99).all()
+    assert len({tuple(np.sign(np.diag(S[:3, :3])).astype(int)) for S in halves}) == 3

@@ -6,12 +6,16 @@ import numpy as np
 import pypose as pp
 import pytest
 import torch
+from scipy.spatial import KDTree
 
 from model.surface import (
+    REACH,
+    VIEW,
     SurfaceCloud,
     SurfaceCurvature,
     SurfaceLoop,
     descend,
+    near_pairs,
     surface_moments,
     surface_spacing,
 )
@@ -19,6 +23,7 @@ from model.surface.cells import cells_of, runs_around
 from model.surface.curvature import pull_spread
 from model.surface.descent import retracted
 from model.surface.meeting import Meeting
+from model.surface.near_pairs import farthest_move
 
 ELL, ACROSS, FAR = 0.3, 0.15, 9.0
 
@@ -81,7 +86,8 @@ def plain_sum(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray, delta: 
 
 def moments(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray):
     view = target.at(FAR)
-    return surface_moments(view.cells, view.arrays, source.arrays, T, ELL, ACROSS, FAR)
+    pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, FAR)
+    return surface_moments(pairs, view.arrays, source.arrays, T, ELL, ACROSS, FAR)
 
 
 def test_compiled_sums_equal_the_plain_double_sum_and_its_gradient(clouds):
@@ -99,11 +105,41 @@ def test_hessian_equals_that_of_the_plain_sum(clouds):
     plain = torch.autograd.functional.hessian(
         lambda delta: plain_sum(*clouds, T, delta), torch.zeros(6, dtype=torch.float64)
     )
-    view = clouds[0].at(FAR)
-    found = SurfaceCurvature.of(view, clouds[1].arrays, T, ELL, ACROSS, FAR).hessian
+    view, source = clouds[0].at(FAR), clouds[1].arrays
+    pairs = near_pairs(view.cells, view.arrays.points, source.points, T, FAR)
+    found = SurfaceCurvature.of(pairs, view.arrays, source, T, ELL, ACROSS, FAR).hessian
     # The derivative of a gradient taken at a moved pose differs from the Hessian by a commutator
     # of the gradient, which symmetrising takes out.
     np.testing.assert_allclose(found, plain.numpy(), rtol=2e-3, atol=2e-3 * np.abs(found).max())
+
+
+def test_near_pairs_are_those_of_a_tree_and_stay_complete_while_the_pose_moves_little(clouds):
+    target, source = clouds
+    reach, T = 2.0 * ELL, small_pose(9)
+    view = target.at(1.5 * reach)
+    found = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, reach)
+    y = source.arrays.points @ T[:3, :3].T + T[:3, 3]
+    near = KDTree(view.arrays.points).query_ball_point(y, reach)
+    for j, expected in enumerate(near):
+        listed = found.target[found.start[j] : found.start[j + 1]]
+        assert sorted(listed.tolist()) == sorted(expected)
+    T_moved = small_pose(9, 0.1)
+    y_moved = source.arrays.points @ T_moved[:3, :3].T + T_moved[:3, 3]
+    most = np.linalg.norm(y_moved - y, axis=1).max()
+    assert farthest_move(source.arrays.points, T, T_moved) == pytest.approx(most)
+
+
+def test_a_long_way_down_meets_the_pairs_of_the_end(clouds):
+    # Pairs are listed anew on the way: the sum at the end is that over all pairs there.
+    target, source = clouds
+    view = target.at(VIEW * ELL)
+    T = small_pose(10, 0.5)
+    found = descend(view.cells, view.arrays, source.arrays, T, ELL, ACROSS, 30, 1e-9)
+    T_end = found.T_target_source
+    assert farthest_move(source.arrays.points, T, T_end) > 0.75 * ELL
+    pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T_end, REACH * ELL)
+    there = surface_moments(pairs, view.arrays, source.arrays, T_end, ELL, ACROSS, REACH * ELL)
+    assert found.value == pytest.approx(there.value, rel=1e-12)
 
 
 def test_swapping_the_clouds_inverts_the_pose(clouds):

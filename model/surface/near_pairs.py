@@ -1,0 +1,79 @@
+"""Which points of two clouds are near each other: found once, good while the pose moves little."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+
+# Pairs are listed out to this many times the kernel's end; the pose may move by the difference.
+SLACK = 1.25
+_FIRST_ROOM = 32
+
+
+class NearPairs(NamedTuple):
+    """Pairs of points, source by source.
+
+    Attributes:
+        start: (M + 1,) where each source point's pairs begin.
+        target: (P,) rows of the target's points.
+    """
+
+    start: IntArray
+    target: npt.NDArray[np.int32]
+
+
+@compiled
+def near_pairs(
+    cells: Cells, target: FloatArray, source: FloatArray, T: FloatArray, reach: float
+) -> NearPairs:
+    """All pairs nearer than ``reach`` at T (4, 4).
+
+    Args:
+        cells: of the target, at least ``reach`` in size.
+        target: (N, 3) in cell order.
+        source: (M, 3).
+        T: T_target_source.
+        reach: of a pair.
+    """
+    start = np.zeros(len(source) + 1, np.int64)
+    near = np.empty(_FIRST_ROOM * len(source), np.int32)
+    runs = np.empty((9, 2), np.int64)
+    count, reach2 = 0, reach * reach
+    for j in range(len(source)):
+        z0, z1, z2 = source[j, 0], source[j, 1], source[j, 2]
+        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
+        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
+        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
+        for run in range(runs_around(cells, y0, y1, y2, runs)):
+            a, b = runs[run, 0], runs[run, 1]
+            if count + b - a > len(near):
+                larger = np.empty(2 * len(near) + b - a, np.int32)
+                larger[:count] = near[:count]
+                near = larger
+            for p in range(a, b):
+                d0, d1, d2 = target[p, 0] - y0, target[p, 1] - y1, target[p, 2] - y2
+                near[count] = p
+                # Without a branch: most of the points around are too far.
+                count += d0 * d0 + d1 * d1 + d2 * d2 <= reach2
+        start[j + 1] = count
+    return NearPairs(start, near[:count].copy())
+
+
+@compiled
+def farthest_move(source: FloatArray, T: FloatArray, T_other: FloatArray) -> float:
+    """How far the points (M, 3) at T lie from themselves at the other pose, at most."""
+    D = T_other - T
+    most = 0.0
+    for j in range(len(source)):
+        z0, z1, z2 = source[j, 0], source[j, 1], source[j, 2]
+        d0 = D[0, 0] * z0 + D[0, 1] * z1 + D[0, 2] * z2 + D[0, 3]
+        d1 = D[1, 0] * z0 + D[1, 1] * z1 + D[1, 2] * z2 + D[1, 3]
+        d2 = D[2, 0] * z0 + D[2, 1] * z1 + D[2, 2] * z2 + D[2, 3]
+        most = max(most, d0 * d0 + d1 * d1 + d2 * d2)
+    return math.sqrt(most)
