@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth_sequence import write_sequence
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -110,6 +111,7 @@ def test_every_command_is_tested_here() -> None:
     tested = [
         *those("make"),
         *those("equivalign", "register"),
+        *those("equivalign", "odometry"),
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
         *those("equivalign", "export"),
@@ -134,6 +136,15 @@ def test_register_on_the_command_line(workplace: Path) -> None:
     assert (workplace / "aligned.ply").is_file()
     assert (workplace / "report.html").is_file()
     assert np.shape(json.loads(said[1])["T_target_source"]) == (4, 4)
+
+
+def test_odometry(workplace: Path) -> None:
+    write_sequence(workplace / "my" / "sequence", frames=3)
+    (follow,) = those("equivalign", "odometry")
+    assert "ATE" in run(follow, workplace)
+    assert len(np.loadtxt(workplace / "trajectory.txt")) == 3
+    assert (workplace / "map.ply").is_file()
+    assert (workplace / "odometry.html").is_file()
 
 
 def test_python(workplace: Path) -> None:

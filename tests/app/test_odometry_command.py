@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -296,3 +297,18 @@ def test_a_real_kitchen_is_followed(
     # The measured poses are off by some millimetres themselves.
     assert summary["rpe"][0]["rotation_deg"]["mean"] < 0.4
     assert summary["rpe"][0]["translation"]["mean"] < 0.008
+
+
+def test_the_guides_python_follows_a_camera(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "odometry.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(.*?)^```$", guide, re.MULTILINE | re.DOTALL)
+    exec(example.replace("SEQUENCE", str(room)), {})
+    assert capsys.readouterr().out.count("tracked") == 6
+
+
+def test_the_guides_options_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    guide = (Path(__file__).parents[2] / "docs" / "odometry.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"`(--[a-z-]+)", guide)) - {"--data", "--model"}
+    with pytest.raises(SystemExit):
+        odometry_command(["--help"])
+    assert named <= set(re.findall(r"--[a-z-]+", capsys.readouterr().out))
