@@ -30,9 +30,10 @@ class TrackerSettings:
         mode: ``keyframe`` registers each frame to the latest keyframe, ``frame`` to the frame
             before it.
         keyframe_overlap: a frame that shares less than this with the keyframe becomes the next one.
-        trusted: success probability from which an answer is taken as it is.
-        doubtful: down to this one it is taken if it also agrees with the predicted pose.
-        relocalised: what a global search must reach, which has no prediction to agree with.
+        trusted: success probability from which a local answer is taken as it is; below, the frame
+            is searched for everywhere, too, and the more probable answer counts.
+        sufficient: what that one must reach.
+        doubtful: or this, if it also agrees with the predicted pose.
         least_overlap: below it the frame is lost, whatever else is said.
         agreement_deg: how far an answer may turn from the predicted pose and still agree.
         agreement_share: how far it may lie from it, in units of the frames' extent.
@@ -44,15 +45,15 @@ class TrackerSettings:
 
     mode: str = "keyframe"
     keyframe_overlap: float = 0.85
-    trusted: float = 0.5
+    trusted: float = 0.75
+    sufficient: float = 0.6
     doubtful: float = 0.2
-    relocalised: float = 0.6
     least_overlap: float = 0.25
     agreement_deg: float = 6.0
     agreement_share: float = 0.05
     keyframes: int = 40
     tried_when_lost: int = 3
-    restart_after: int = 15
+    restart_after: int = 5
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -128,13 +129,14 @@ class Tracker:
         if self.motion is None:
             return self._begin(frame, Status.FIRST, np.eye(4))
         guess = self.motion.predict(frame.time)
-        answer = self._local(frame, guess)
-        if self._believable(answer, guess, frame):
-            return self._follow(frame, answer, Status.TRACKED)
-        found = self._around(frame)
-        if found is None:
+        local = self._local(frame, guess)
+        if self._trusted(local):
+            return self._follow(frame, local, Status.TRACKED)
+        best = max(local, self._around(frame), key=lambda answer: answer.probability)
+        if not self._believable(best, guess, frame):
             return self._lose(frame, guess)
-        return self._follow(frame, found, Status.RELOCALISED)
+        found_by_search = best is not local or self.lost_in_a_row > 0
+        return self._follow(frame, best, Status.RELOCALISED if found_by_search else Status.TRACKED)
 
     def skip(self, number: int, time: float, reason: str) -> Step:
         """Record a frame that can't be read; the camera is thought to go on as it did."""
@@ -195,7 +197,7 @@ class Tracker:
         for keyframe in self._references():
             for T_guess in (guess, self.motion.T_world_camera):
                 answer = self._registered(frame, keyframe, T_guess)
-                if answer.probability >= self.settings.trusted:
+                if self._trusted(answer):
                     return answer
                 if best is None or answer.probability > best.probability:
                     best = answer
@@ -221,28 +223,35 @@ class Tracker:
             )
         return Answer(keyframe, result, keyframe.T_world_camera @ result.T_target_source)
 
+    def _trusted(self, answer: Answer) -> bool:
+        enough = answer.overlap >= self.settings.least_overlap
+        return enough and answer.probability >= self.settings.trusted
+
     def _believable(self, answer: Answer, guess: FloatArray, frame: OdometryFrame) -> bool:
-        """Whether the answer is trusted, or doubtful but where the camera was expected."""
+        """Whether the answer is probable, or doubtful but where the camera was expected."""
         settings = self.settings
         if answer.overlap < settings.least_overlap or answer.probability < settings.doubtful:
             return False
-        if answer.probability >= settings.trusted:
+        if answer.probability >= settings.sufficient:
             return True
         off = np.linalg.inv(guess) @ answer.T_world_camera
         near = float(np.linalg.norm(off[:3, 3])) <= settings.agreement_share * frame.cloud.scale
         # After a loss the prediction is no witness.
         return near and angle_deg(off) <= settings.agreement_deg and not self.lost_in_a_row
 
-    def _around(self, frame: OdometryFrame) -> Answer | None:
-        """Search everywhere against a few keyframes; None where none of them is certain."""
+    def _around(self, frame: OdometryFrame) -> Answer:
+        """Search everywhere against a few keyframes, until one of the answers is trusted."""
         assert self.motion is not None
-        candidates = self.keyframes.near(self.motion.T_world_camera)
-        for keyframe in candidates[: self.settings.tried_when_lost]:
-            answer = self._registered(frame, keyframe, None)
-            enough = answer.overlap >= self.settings.least_overlap
-            if enough and answer.probability >= self.settings.relocalised:
-                return answer
-        return None
+        near = self.keyframes.near(self.motion.T_world_camera)
+        latest = self._references() if not self.lost_in_a_row else []
+        seen = {keyframe.frame.number for keyframe in latest}
+        others = [keyframe for keyframe in near if keyframe.frame.number not in seen]
+        answers = []
+        for keyframe in [*latest, *others][: self.settings.tried_when_lost]:
+            answers.append(self._registered(frame, keyframe, None))
+            if self._trusted(answers[-1]):
+                break
+        return max(answers, key=lambda answer: answer.probability)
 
     def _lose(self, frame: OdometryFrame, guess: FloatArray) -> Step:
         self.lost_in_a_row += 1
@@ -286,7 +295,7 @@ class Tracker:
             keyframe=is_key,
             cycle=cycle,
             warning=""
-            if answer.probability >= self.settings.trusted
+            if answer.probability >= self.settings.sufficient
             else f"doubtful: success probability {answer.probability:.2f}",
         )
 
