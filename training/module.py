@@ -10,13 +10,12 @@ from lightning import LightningModule
 from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 
-from model.artifact import DEFAULT_NAME, load_artifact
 from model.cloud_function import CloudFunction, pair_mask
-from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
 from training.alarms import warn_of_collapse
 from training.answers import PairAnswer
+from training.beginning import Beginning
 from training.bilevel import BilevelSolver, InnerSolution
 from training.curriculum import Curriculum, Stage
 from training.data.pairs import PairBatch
@@ -71,17 +70,11 @@ class EquivAlign(LightningModule):
         start: Literal["identity", "given"] = "identity",
     ) -> None:
         super().__init__()
-        if initial is None:
-            self.encoder_name = encoder
-            self.architecture = dict(architecture or {})
-            self.encoder = build_encoder(encoder, **self.architecture)
-            self.kernel = RkhsKernel(kernel)
-        else:
-            artifact = load_artifact(None if initial == DEFAULT_NAME else initial)
-            self.encoder_name = artifact.encoder_name
-            self.architecture = dict(artifact.architecture)
-            self.encoder = artifact.encoder().train()
-            self.kernel = RkhsKernel(artifact.kernel)
+        begin = Beginning.of(encoder, architecture or {}, kernel, initial)
+        self.encoder_name = begin.encoder_name
+        self.architecture = begin.architecture
+        self.encoder = begin.encoder
+        self.kernel = RkhsKernel(begin.kernel)
         self.start = start
         self.outer_loss = OuterLoss(loss or {"rkhs_distance": 1.0}, loss_settings)
         self.bilevel = bilevel or BilevelSolver()

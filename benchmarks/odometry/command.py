@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from argparse import ArgumentParser, Namespace
+from argparse import Namespace
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from benchmarks.contest import contest_progress
-from benchmarks.contest_options import names
-from benchmarks.frame_pairs import COLUMNS, list_frame_pairs
+from benchmarks.frame_pairs import list_frame_pairs
 from benchmarks.methods import Method, build_methods
 from benchmarks.methods.fpfh import FpfhRansac
 from benchmarks.methods.geometric_cvo import geometric_cvo
@@ -23,34 +21,23 @@ from benchmarks.odometry.followers import (
     as_measured,
 )
 from benchmarks.odometry.local_methods import LocalCvo, LocalIcp, LocalSmallGicp, RansacIcp
+from benchmarks.odometry.options import ADAPTED, check_options, odometry_parser
 from benchmarks.odometry.pairs import pair_scores, pair_sheets
 from benchmarks.odometry.residual import HeldOutSurface
 from benchmarks.odometry.scores import TrajectoryScore, trajectory_sheet
 from benchmarks.provenance import Provenance
 from benchmarks.results import require_folder
-from benchmarks.rgbd import sequence_folders
+from benchmarks.sequence_options import sequence_folders
 from benchmarks.sheet import Sheet
 from benchmarks.speed_file import SpeedResults
 from benchmarks.table import print_methods, print_sheets, wide_console
 from model import Registrar
 from model.artifact import load_artifact
 from model.exceptions import InvalidOptionError
-from model.odometry import MODES, DepthNoise
+from model.odometry import DepthNoise
 from model.sequence import DepthFrames, RgbdSequence, read_sequence
 from training.data.rgbd import sampled_cloud
 
-ADAPTED = "ours_adapted"
-FOLLOWERS = (
-    "ours",
-    "ours_sensor",
-    ADAPTED,
-    "icp",
-    "gicp",
-    "small_gicp",
-    "ransac",
-    "geometric_cvo",
-)
-_DEFAULT = "ours,icp,gicp,small_gicp,ransac"
 # Of the pairs, those that search by themselves; ours_sensor has no sensor to know there.
 _PAIR_METHODS = {"ours", ADAPTED, "icp", "gicp", "small_gicp", "ransac"}
 
@@ -62,8 +49,8 @@ def odometry_command(arguments: list[str], command: str) -> int:
         arguments: after the benchmark's name.
         command: the whole command, for the results file.
     """
-    given = _parser().parse_args(arguments)
-    _check(given)
+    given = odometry_parser().parse_args(arguments)
+    check_options(given)
     if given.out is not None:
         require_folder(given.out)
     provenance = Provenance.now(command)
@@ -86,80 +73,6 @@ def odometry_command(arguments: list[str], command: str) -> int:
         results.write(given.out)
         console.print(str(given.out), soft_wrap=True, highlight=False)
     return 0
-
-
-def _parser() -> ArgumentParser:
-    parser = ArgumentParser(prog="equivalign benchmark odometry", description=__doc__)
-    parser.add_argument(
-        "--sequence",
-        type=Path,
-        nargs="+",
-        required=True,
-        metavar="DIR",
-        help="in the layout of ETH3D or TUM, with groundtruth.txt, or a folder of such folders",
-    )
-    parser.add_argument(
-        "--frames", type=_frames, metavar="FIRST-LAST", help="default: all whose poses are known"
-    )
-    parser.add_argument("--every", type=int, default=3, metavar="N", help="each Nth; default 3")
-    parser.add_argument("--points", type=int, default=1024, help="of each cloud, default 1024")
-    parser.add_argument("--max-depth", type=float, metavar="METRES", help="leave out all beyond")
-    parser.add_argument(
-        "--modes", type=names, default=list(MODES), metavar="NAMES", help=f"of {', '.join(MODES)}"
-    )
-    parser.add_argument(
-        "--methods",
-        type=names,
-        default=names(_DEFAULT),
-        metavar="NAMES",
-        help=f"of {', '.join(FOLLOWERS)}; default {_DEFAULT}",
-    )
-    parser.add_argument("--artifact", metavar="DIR", help="ours; default: the shipped one")
-    parser.add_argument("--adapted", metavar="DIR", help=f"artifact of {ADAPTED}")
-    parser.add_argument(
-        "--pairs", type=int, default=0, metavar="N", help="pairs of each gap, too; default none"
-    )
-    parser.add_argument(
-        "--gaps", type=_gaps, default=[1, 10, 30], metavar="N,…", help="of the pairs, 1,10,30"
-    )
-    parser.add_argument(
-        "--columns",
-        type=names,
-        default=["extra-10", "extra-60"],
-        metavar="NAMES",
-        help=f"of {', '.join(COLUMNS)}; default extra-10,extra-60",
-    )
-    parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--out", type=Path, metavar="FILE", help="results as JSON")
-    return parser
-
-
-def _check(given: Namespace) -> None:
-    for field, chosen, known in (
-        ("methods", given.methods, FOLLOWERS),
-        ("modes", given.modes, MODES),
-    ):
-        unknown = [name for name in chosen if name not in known]
-        if unknown or not chosen:
-            raise InvalidOptionError(
-                f"unknown {field}",
-                field=field,
-                value=", ".join(unknown) or "none",
-                mend=f"choose from {', '.join(known)}",
-            )
-    if ADAPTED in given.methods and given.adapted is None:
-        raise InvalidOptionError(
-            "no adapted artifact",
-            field="adapted",
-            mend="give the directory that configs/adapt_rgbd.yaml kept",
-        )
-    if given.every < 1 or given.points < 4 or given.pairs < 0:
-        raise InvalidOptionError(
-            "too small",
-            field="every, points, pairs",
-            value=f"{given.every}, {given.points}, {given.pairs}",
-            mend="give at least 1, 4 and 0",
-        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -314,12 +227,3 @@ def _asked(given: Namespace) -> dict[str, Any]:
         "pairs": given.pairs,
         "seed": given.seed,
     }
-
-
-def _frames(text: str) -> range:
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
-
-
-def _gaps(text: str) -> list[int]:
-    return [int(gap) for gap in text.split(",")]

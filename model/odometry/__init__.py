@@ -5,9 +5,10 @@ from model.odometry.frame import FramePreparer, Framing, OdometryFrame
 from model.odometry.keyframes import Keyframe, Keyframes
 from model.odometry.motion import ConstantVelocity
 from model.odometry.sensor import DepthNoise
+from model.odometry.settings import MODES, TrackerSettings
 from model.odometry.step import Status, Step
 from model.odometry.stream import Streamed, read_frame, stream
-from model.odometry.tracker import MODES, Tracker, TrackerSettings
+from model.odometry.tracker import Tracker
 from model.odometry.trajectory_error import AbsoluteError, RelativeError, Spread
 from model.odometry.voxel_map import VoxelMap
 

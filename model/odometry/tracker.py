@@ -2,101 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import numpy.typing as npt
 
-from model.exceptions import InvalidOptionError
-from model.odometry.consistency import Cycle, angle_deg
+from model.odometry.answer import Answer
+from model.odometry.consistency import Cycle
 from model.odometry.frame import FramePreparer, OdometryFrame
 from model.odometry.keyframes import Keyframe, Keyframes
 from model.odometry.motion import ConstantVelocity
+from model.odometry.settings import TrackerSettings
 from model.odometry.step import Status, Step
-from model.result import RegistrationResult
 
 FloatArray = npt.NDArray[np.float64]
 
-MODES = ("keyframe", "frame")
 # A local answer turns no farther from its guess: beyond, the guess said nothing.
 _LOCAL_REACH_DEG = 45.0
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerSettings:
-    """When to trust an answer and when to look around.
-
-    Attributes:
-        mode: ``keyframe`` registers each frame to the latest keyframe, ``frame`` to the frame
-            before it.
-        keyframe_overlap: a frame that shares less than this with the keyframe becomes the next one.
-        trusted: success probability from which a local answer is taken as it is; below, the frame
-            is searched for everywhere, too, and the more probable answer counts.
-        sufficient: what that one must reach.
-        doubtful: or this, if it also agrees with the predicted pose.
-        least_overlap: below it the frame is lost, whatever else is said.
-        agreement_deg: how far an answer may turn from the predicted pose and still agree.
-        agreement_share: how far it may lie from it, in units of the frames' extent.
-        keyframes: at most this many are kept.
-        tried_when_lost: keyframes that a lost frame is searched against.
-        restart_after: lost frames in a row after which the trajectory goes on from the guess.
-        seed: of the searches.
-    """
-
-    mode: str = "keyframe"
-    keyframe_overlap: float = 0.85
-    trusted: float = 0.75
-    sufficient: float = 0.6
-    doubtful: float = 0.2
-    least_overlap: float = 0.25
-    agreement_deg: float = 6.0
-    agreement_share: float = 0.05
-    keyframes: int = 40
-    tried_when_lost: int = 3
-    restart_after: int = 5
-    seed: int = 0
-
-    def __post_init__(self) -> None:
-        if self.mode not in MODES:
-            raise InvalidOptionError(
-                "unknown mode",
-                field="mode",
-                value=repr(self.mode),
-                mend=f"choose one of {', '.join(MODES)}",
-            )
-        if not 0.0 < self.keyframe_overlap < 1.0:
-            raise InvalidOptionError(
-                "not a share",
-                field="keyframe_overlap",
-                value=self.keyframe_overlap,
-                mend="give a number between 0 and 1",
-            )
-
-
-@dataclass(frozen=True, slots=True)
-class Answer:
-    """A registration of the present frame to a keyframe, in the world.
-
-    Attributes:
-        keyframe: that it was registered to.
-        result: T_keyframe_frame and its diagnostics.
-        T_world_camera: (4, 4).
-    """
-
-    keyframe: Keyframe
-    result: RegistrationResult
-    T_world_camera: FloatArray
-
-    @property
-    def probability(self) -> float:
-        """Of success; of an artifact that can't tell, the overlap."""
-        known = self.result.diagnostics.success_probability
-        return self.overlap if known is None else known
-
-    @property
-    def overlap(self) -> float:
-        """Share of the frame's points near the keyframe's."""
-        return self.result.diagnostics.overlap_source
 
 
 class Tracker:
@@ -130,10 +50,12 @@ class Tracker:
             return self._begin(frame, Status.FIRST, np.eye(4))
         guess = self.motion.predict(frame.time)
         local = self._local(frame, guess)
-        if self._trusted(local):
+        if local.is_trusted(self.settings):
             return self._follow(frame, local, Status.TRACKED)
         best = max(local, self._around(frame), key=lambda answer: answer.probability)
-        if not self._believable(best, guess, frame):
+        # After a loss the prediction is no witness.
+        expected = None if self.lost_in_a_row else guess
+        if not best.is_believable(self.settings, expected, frame.cloud.scale):
             return self._lose(frame, guess)
         found_by_search = best is not local or self.lost_in_a_row > 0
         return self._follow(frame, best, Status.RELOCALISED if found_by_search else Status.TRACKED)
@@ -197,7 +119,7 @@ class Tracker:
         for keyframe in self._references():
             for T_guess in (guess, self.motion.T_world_camera):
                 answer = self._registered(frame, keyframe, T_guess)
-                if self._trusted(answer):
+                if answer.is_trusted(self.settings):
                     return answer
                 if best is None or answer.probability > best.probability:
                     best = answer
@@ -223,22 +145,6 @@ class Tracker:
             )
         return Answer(keyframe, result, keyframe.T_world_camera @ result.T_target_source)
 
-    def _trusted(self, answer: Answer) -> bool:
-        enough = answer.overlap >= self.settings.least_overlap
-        return enough and answer.probability >= self.settings.trusted
-
-    def _believable(self, answer: Answer, guess: FloatArray, frame: OdometryFrame) -> bool:
-        """Whether the answer is probable, or doubtful but where the camera was expected."""
-        settings = self.settings
-        if answer.overlap < settings.least_overlap or answer.probability < settings.doubtful:
-            return False
-        if answer.probability >= settings.sufficient:
-            return True
-        off = np.linalg.inv(guess) @ answer.T_world_camera
-        near = float(np.linalg.norm(off[:3, 3])) <= settings.agreement_share * frame.cloud.scale
-        # After a loss the prediction is no witness.
-        return near and angle_deg(off) <= settings.agreement_deg and not self.lost_in_a_row
-
     def _around(self, frame: OdometryFrame) -> Answer:
         """Search everywhere against a few keyframes, until one of the answers is trusted."""
         assert self.motion is not None
@@ -249,7 +155,7 @@ class Tracker:
         answers = []
         for keyframe in [*latest, *others][: self.settings.tried_when_lost]:
             answers.append(self._registered(frame, keyframe, None))
-            if self._trusted(answers[-1]):
+            if answers[-1].is_trusted(self.settings):
                 break
         return max(answers, key=lambda answer: answer.probability)
 

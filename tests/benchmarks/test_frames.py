@@ -12,7 +12,7 @@ from benchmarks.command_line import benchmark_command
 from benchmarks.frame_pairs import FramePairMaker, list_frame_pairs
 from benchmarks.pose_error import PoseError
 from benchmarks.results import read_results
-from benchmarks.rgbd import sequence_folders
+from benchmarks.sequence_options import sequence_folders
 from benchmarks.summary import Summary, cells, rows_by_method
 from model.exceptions import InvalidOptionError
 from model.sequence import Camera, read_sequence
