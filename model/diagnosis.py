@@ -19,9 +19,12 @@ from model.se3 import rotation_angle
 from model.search import KINDS, Candidates, Start, evidence_at
 from model.surface import SurfaceCloud
 from model.surface.meeting import nearest
-from model.verification import Evidence, Judge, SurfaceAgreement, Verifier
+from model.verification import Judge, SurfaceAgreement, Verifier
 
 FloatArray = npt.NDArray[np.float64]
+
+# Most that is given for a pose that may slide or spin.
+_UNDETERMINED = 0.2
 
 # Points of two samplings of one surface lie within about this many spacings of each other.
 _INLIER_SPACINGS = 1.0
@@ -79,15 +82,18 @@ def diagnose(
     degenerate = degenerate_directions(
         pair.target.dense.arrays.points[shared], pair.target.dense.arrays.normals[shared]
     )
-    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
-    log_odds = _log_odds(verifier, evidence)
+    judge: Judge = verifier or SurfaceAgreement()
+    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse, judge.CLOSELY)
+    log_odds = float(judge.log_odds(evidence)[0])
     others = _runner_ups(pair, candidates, solved)
     lead = log_odds - max(other.log_odds for other in others) if others else None
-    probability = (
-        None
-        if verifier is None
-        else verifier.probability(log_odds, Verifier.LEAD if lead is None else lead)
-    )
+    labelled = pair.target.dense.arrays.labels.shape[1] > 0
+    probability = None
+    if verifier is not None:
+        probability = verifier.probability(log_odds, Verifier.LEAD if lead is None else lead)
+        if degenerate and not labelled:
+            # However well the surfaces fit, one of endlessly many poses is the right one.
+            probability = min(probability, _UNDETERMINED)
     similarity = solved.products.similarity.item()
     uncertainty = solved.uncertainty.in_unit(scale)
     late = options.deadline.passed()
@@ -122,11 +128,6 @@ def diagnose(
         "trace": [_iteration(step, scale) for step in solved.steps],
     }
     return Diagnosis(T, entries)
-
-
-def _log_odds(verifier: Verifier | None, evidence: Evidence) -> float:
-    judge: Judge = verifier or SurfaceAgreement()
-    return float(judge.log_odds(evidence)[0])
 
 
 @dataclass(frozen=True, slots=True)

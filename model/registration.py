@@ -18,12 +18,13 @@ from model.diagnosis import Diagnosis, diagnose
 from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
 from model.options import Options
-from model.pair import GivenPair, Pair, PreparedTarget
+from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
 from model.search import Candidates, Start, evidence_at, flip_start, grid_start, hypothesise, refine
+from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
-from model.verification import Examination, Judge, SurfaceAgreement
+from model.verification import Evidence, Examination, Judge, SurfaceAgreement
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -129,16 +130,16 @@ class Registrar:
         options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
         pair = self._encode(GivenPair.checked(source, target, None, None), options)
         start = self._hypothesise(pair, options)
-        start, candidates = self._search(pair, start, options)
+        start, candidates = self._search(pair, start, options, thorough=True)
         T = self._solve(pair, start, candidates, options).T_target_source
-        evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse)
+        evidence = self._evidence_at(T[None], start, pair, True)
         log_odds = float(self._judge.log_odds(evidence)[0])
         others = candidates.score[1:]
         return Examination(
             np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
-            candidates.evidence.values,
+            self._evidence_at(candidates.poses, start, pair, True),
             pair.frame.pose_out(T),
-            evidence.values[0],
+            evidence,
             log_odds,
             log_odds - float(others.max()) if len(others) else None,
         )
@@ -169,7 +170,14 @@ class Registrar:
             InvalidCloudError: a cloud that has no pose, or labels or weights that don't fit.
             InvalidOptionError: the unit isn't a positive length.
         """
-        return PreparedTarget.of(target, labels, self._prepare, seed, weights, unit)
+        return PreparedTarget.of(
+            target,
+            labels,
+            self._prepare_with(self.artifact.settings.points),
+            seed,
+            weights,
+            unit,
+        )
 
     def register_many(
         self,
@@ -191,24 +199,24 @@ class Registrar:
         with ThreadPoolExecutor(max_workers=threads) as pool:
             return list(pool.map(lambda pair: self.register(*pair, **options), pairs))
 
-    def _prepare(
-        self,
-        points: FloatArray,
-        labels: FloatArray | None,
-        weights: FloatArray | None,
-        seed: int,
-    ) -> PreparedCloud:
-        settings = self.artifact.settings
-        return PreparedCloud.of(
-            points, labels, self._features, settings.points, settings.dense_points, seed, weights
-        )
+    def _prepare_with(self, most: int) -> Prepare:
+        dense = self.artifact.settings.dense_points
+
+        def prepare(
+            points: FloatArray, labels: FloatArray | None, weights: FloatArray | None, seed: int
+        ) -> PreparedCloud:
+            return PreparedCloud.of(points, labels, self._features, most, dense, seed, weights)
+
+        return prepare
 
     def _features(self, x: Tensor) -> Tensor:
         features: Tensor = self._encoder(x)
         return features
 
     def _encode(self, given: GivenPair, options: Options) -> Pair:
-        return Pair.of(given, self._prepare, options.seed)
+        settings = self.artifact.settings
+        most = settings.points if options.search == "global" else settings.local_points
+        return Pair.of(given, self._prepare_with(most), options.seed)
 
     def _hypothesise(self, pair: Pair, options: Options) -> Start:
         return hypothesise(
@@ -222,11 +230,13 @@ class Registrar:
             options.seed,
         )
 
-    def _search(self, pair: Pair, start: Start, options: Options) -> tuple[Start, Candidates]:
+    def _search(
+        self, pair: Pair, start: Start, options: Options, thorough: bool = False
+    ) -> tuple[Start, Candidates]:
         """Refine the start poses; flips of the best, too, and a grid where a doubt is left."""
         candidates = self._refine(pair, start, options)
         settings = self.artifact.settings.hypotheses_for(options.search)
-        if settings.flips and self._doubtful(candidates, options):
+        if settings.flips and (thorough or self._doubtful(candidates, options)):
             start = flip_start(
                 start,
                 candidates.poses[: settings.flips],
@@ -258,6 +268,9 @@ class Registrar:
     def _doubtful(self, candidates: Candidates, options: Options) -> bool:
         return bool(candidates.score[0] < self._judge.DOUBT) and not options.deadline.passed()
 
+    def _evidence_at(self, T: FloatArray, start: Start, pair: Pair, closely: bool) -> Evidence:
+        return evidence_at(T, start, pair.target.sparse, pair.source.sparse, closely)
+
     def _refine(self, pair: Pair, start: Start, options: Options) -> Candidates:
         return refine(
             start,
@@ -274,22 +287,25 @@ class Registrar:
         """Solve the contenders, let the judge decide; the caller's guess is one of them."""
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
         stop = options.deadline.passed
-        solved = []
-        for T in candidates.contenders():
+
+        def solve(T: FloatArray) -> Solved:
             found = stage.solve(pair.target, pair.source, T, stop)
-            if not start.allows(found.T_target_source, options.max_rotation_deg):
-                found = stage.solve(pair.target, pair.source, T, always)
-            solved.append(found)
-            if stop():
-                break
+            if start.allows(found.T_target_source, options.max_rotation_deg):
+                return found
+            return stage.solve(pair.target, pair.source, T, always)
+
+        solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
+        poses = [found.T_target_source for found in solved]
         if guess is not None:
-            solved.append(stage.solve(pair.target, pair.source, guess.numpy(), always))
-        if len(solved) == 1:
+            poses.append(guess.numpy())
+        if len(poses) == 1:
             return solved[0]
-        T_solved = np.stack([found.T_target_source for found in solved])
-        evidence = evidence_at(T_solved, start, pair.target.sparse, pair.source.sparse)
-        return solved[int(self._judge.log_odds(evidence).argmax())]
+        evidence = self._evidence_at(np.stack(poses), start, pair, self._judge.CLOSELY)
+        best = int(self._judge.log_odds(evidence).argmax())
+        if best < len(solved):
+            return solved[best]
+        return stage.solve(pair.target, pair.source, poses[best], always)
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

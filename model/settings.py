@@ -22,6 +22,7 @@ class RegistrarSettings:
     Attributes:
         solver: inner loop that is used unless the caller names one.
         points: points of each cloud that are encoded and searched with.
+        local_points: the same where the search is local: nothing is matched then.
         dense_points: points of each cloud that the last stage works on.
         hypotheses: which start poses there are.
         search: of the global search.
@@ -32,7 +33,8 @@ class RegistrarSettings:
     """
 
     solver: str = "surface"
-    points: int = 560
+    points: int = 420
+    local_points: int = 256
     dense_points: int = 20_000
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)

@@ -10,6 +10,7 @@ import torch
 
 Given = TypeVar("Given")
 Made = TypeVar("Made")
+Other = TypeVar("Other")
 
 
 def side_by_side(function: Callable[[Given], Made], items: Iterable[Given]) -> list[Made]:
@@ -24,3 +25,12 @@ def side_by_side(function: Callable[[Given], Made], items: Iterable[Given]) -> l
         return [function(item) for item in waiting]
     with ThreadPoolExecutor(threads) as pool:
         return list(pool.map(function, waiting))
+
+
+def run_together(first: Callable[[], Made], second: Callable[[], Other]) -> tuple[Made, Other]:
+    """``first(), second()``, at once where there are two threads."""
+    if torch.get_num_threads() < 2:
+        return first(), second()
+    with ThreadPoolExecutor(1) as pool:
+        other = pool.submit(second)
+        return first(), other.result()

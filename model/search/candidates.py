@@ -36,6 +36,7 @@ class SearchLevel:
         steps: at most this many.
         kept: most candidates that enter this level, the best by the judge.
         points: source points that move a candidate.
+        target_points: target points that they move towards; None for all.
     """
 
     lengthscale: float
@@ -43,13 +44,14 @@ class SearchLevel:
     steps: int
     kept: int
     points: int = 256
+    target_points: int | None = None
 
 
 def _levels() -> list[SearchLevel]:
     return [
-        SearchLevel(1.5, 0.75, 3, 24, points=128),
-        SearchLevel(1.0, 0.4, 4, 10, points=192),
-        SearchLevel(0.7, 0.25, 4, 5, points=560),
+        SearchLevel(1.5, 0.75, 3, 24, points=128, target_points=160),
+        SearchLevel(1.0, 0.4, 4, 10, points=192, target_points=280),
+        SearchLevel(0.7, 0.25, 4, 5, points=420),
     ]
 
 
@@ -144,11 +146,11 @@ def refine(
     for level in settings.levels:
         if len(hypotheses) > level.kept:
             # Merged first, lest the best be one pose many times.
-            best = _judged(hypotheses, start, target, source, settings, judge)
+            best = _judged(hypotheses, start, target, source, settings, judge, False)
             hypotheses = best.hypotheses.select(torch.arange(len(best.score))[: level.kept])
-        few = scattered_subset(source.arrays.points, level.points, seed)
-        moving = source.select(few).without_features().arrays
-        hypotheses = _stepped(hypotheses, geometry, moving, spacing, level, stop)
+        moving = some_of(source, level.points, seed).without_features().arrays
+        fixed = some_of(geometry, level.target_points, seed)
+        hypotheses = _stepped(hypotheses, fixed, moving, spacing, level, stop)
     centre = start.hypotheses.T_target_source[0]
     allowed = within(hypotheses, centre[:3, :3], max_rotation_deg + ROTATION_SLACK_DEG)
     # Where all have turned too far, the start poses stand as they were: they are within.
@@ -156,7 +158,17 @@ def refine(
     if start.hypotheses.kind[0] == KINDS.index("initial"):
         # The guess itself stays a candidate.
         refined = Hypotheses.joined([start.hypotheses.select(torch.tensor([0])), refined])
-    return _judged(refined, start, target, source, settings, judge)
+    return _judged(refined, start, target, source, settings, judge, judge.CLOSELY)
+
+
+def some_of(cloud: SurfaceCloud, points: int | None, seed: int) -> SurfaceCloud:
+    """As many of its points, with the normals they have among all; found once."""
+    if points is None or points >= len(cloud.arrays.points):
+        return cloud
+    return cloud.remembered(
+        ("some", points, seed),
+        lambda: cloud.select(scattered_subset(cloud.arrays.points, points, seed)),
+    )
 
 
 def _stepped(
@@ -189,10 +201,11 @@ def _judged(
     source: SurfaceCloud,
     settings: SearchSettings,
     judge: Judge,
+    closely: bool,
 ) -> Candidates:
     """Scored, best first, those that are nearly the same merged."""
     T = hypotheses.T_target_source
-    evidence = evidence_at(T.double().numpy(), start, target, source)
+    evidence = evidence_at(T.double().numpy(), start, target, source, closely)
     found = Candidates(hypotheses, evidence, judge.log_odds(evidence))
     return found.distinct(
         settings.merge_angle_deg, settings.merge_distance * max(target.spacing, source.spacing)
@@ -200,9 +213,9 @@ def _judged(
 
 
 def evidence_at(
-    T: FloatArray, start: Start, target: SurfaceCloud, source: SurfaceCloud
+    T: FloatArray, start: Start, target: SurfaceCloud, source: SurfaceCloud, closely: bool
 ) -> Evidence:
     """What speaks for poses (K, 4, 4)."""
     reach = _SUPPORT_REACH * max(target.spacing, source.spacing)
     support = support_of(T, start.matches, reach)
-    return Evidence.of(target, source, T, support, len(start.matches.x))
+    return Evidence.of(target, source, T, support, len(start.matches.x), closely)

@@ -71,6 +71,11 @@ class Consensus:
     support: FloatArray
     tried: int
 
+    @classmethod
+    def empty(cls) -> Consensus:
+        """No pose."""
+        return cls(np.zeros((0, 4, 4)), np.zeros(0), 0)
+
 
 def consensus(
     matches: MatchedPoints, spacing: float, settings: ConsensusSettings, seed: int
@@ -84,7 +89,7 @@ def consensus(
         seed: of the draws.
     """
     if len(matches.x) < 3:
-        return Consensus(np.zeros((0, 4, 4)), np.zeros(0), 0)
+        return Consensus.empty()
     T, score = _triplet_poses(
         matches.x,
         matches.z,

@@ -12,12 +12,19 @@ from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.se3 import rotation_angle
-from model.search.consensus import ConsensusSettings, MatchedPoints, consensus, fitted
+from model.search.consensus import (
+    Consensus,
+    ConsensusSettings,
+    MatchedPoints,
+    consensus,
+    fitted,
+)
 from model.search.flips import flipped_poses
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
 from model.search.voting import voted_poses
+from model.side_by_side import run_together
 from model.surface import SurfaceCloud
 
 FloatArray = npt.NDArray[np.float64]
@@ -116,16 +123,26 @@ def hypothesise(
         parts.append(Hypotheses.of_kind("identity", identity[None]))
     tried = len(parts)
     uses_features = settings.triplets or settings.matches > 0
-    matches = matched_points(target, source, groups if uses_features else 0)
-    if settings.triplets:
-        agreed = consensus(matches, spacing, settings.consensus, seed)
-        parts.append(_of_kind("consensus", agreed.T_target_source))
-        tried += agreed.tried
-    if settings.matches and len(matches.x):
+
+    def agreed() -> tuple[MatchedPoints, Consensus]:
+        matches = matched_points(target, source, groups if uses_features else 0)
+        if not settings.triplets:
+            return matches, Consensus.empty()
+        return matches, consensus(matches, spacing, settings.consensus, seed)
+
+    def voted() -> tuple[FloatArray, int]:
+        if not settings.matches:
+            return np.zeros((0, 4, 4)), 0
         single = matched_poses(target, source, settings.matches)
-        voted = voted_poses(single, settings.voted, spacing).double().numpy()
-        parts.append(_of_kind("matched", fitted(voted, matches, spacing, settings.consensus)))
-        tried += len(single)
+        best = voted_poses(single, settings.voted, spacing) if len(single) else single
+        return best.double().numpy(), len(single)
+
+    of_triplets, of_single = run_together(agreed, voted)
+    matches, agreement = of_triplets
+    poses, singles = of_single
+    parts.append(_of_kind("consensus", agreement.T_target_source))
+    parts.append(_of_kind("matched", fitted(poses, matches, spacing, settings.consensus)))
+    tried += agreement.tried + singles
     every = Hypotheses.joined(parts)
     allowed = within(every, centre[:3, :3], max_rotation_deg)
     allowed[0] = True

@@ -40,10 +40,12 @@ class SurfaceCloud:
     Attributes:
         arrays: in the given order.
         spacing: see Patches.
+        roughness: see Patches.
     """
 
     arrays: SurfaceArrays
     spacing: float
+    roughness: float
     _known: dict[Hashable, Any] = field(default_factory=dict, repr=False, compare=False)
 
     @classmethod
@@ -73,7 +75,7 @@ class SurfaceCloud:
         traits = np.zeros((len(points), 0)) if labels is None else labels
         counts = np.ones(len(points)) if weights is None else weights
         arrays = SurfaceArrays(points, patches.normals, flat, traits, counts)
-        return cls(arrays, patches.spacing)
+        return cls(arrays, patches.spacing, patches.roughness)
 
     def at(self, reach: float) -> CellView:
         """The cloud in cells as large as ``reach``; made once."""
@@ -119,12 +121,12 @@ class SurfaceCloud:
         spacing = self.spacing
         if len(index) < len(self.arrays.points):
             spacing = surface_spacing(self.arrays.points[index])
-        return SurfaceCloud(ordered(self.arrays, index), spacing)
+        return SurfaceCloud(ordered(self.arrays, index), spacing, self.roughness)
 
     def with_features(self, features: npt.NDArray[np.float32]) -> SurfaceCloud:
         """The same with features (N, 3, C)."""
         flat = np.ascontiguousarray(features, np.float32).reshape(len(features), -1)
-        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing)
+        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing, self.roughness)
 
     def without_features(self) -> SurfaceCloud:
         """The geometry and the labels alone."""

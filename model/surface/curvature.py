@@ -119,18 +119,43 @@ def pull_spread(
     lengthscale: float,
     across: float,
     cut: float,
+    block: float,
 ) -> FloatArray:
     """Variance (6, 6) of the summed pulls over both samplings, as of a two-sample U-statistic.
 
-    Σ_j s_j s_jᵀ + Σ_i t_i t_iᵀ − Σ_ij p_ij p_ijᵀ: a pair belongs to one point of each cloud and
-    would otherwise count twice.
+    Σ_b s_b s_bᵀ + Σ_b t_b t_bᵀ − Σ_ij p_ij p_ijᵀ over blocks of source and of target points: points
+    of a block share the samples that their normals were fitted to, so they don't err independently;
+    and a pair belongs to one point of each cloud and would otherwise count twice.
+
+    Args:
+        view: of the target.
+        source: M points.
+        T: (4, 4).
+        lengthscale: ℓ along the surface.
+        across: ℓ_n across it.
+        cut: pairs farther apart are left out.
+        block: edge of a block.
     """
     listed = near_pairs(view.cells, view.arrays.points, source.points, T, cut)
     by_target, by_source, pairs = _pulls(listed, view.arrays, source, T, lengthscale, across)
-    spread = by_source.T @ by_source + by_target.T @ by_target - pairs
+    of_target = _block_sums(view.arrays.points, by_target, block)
+    of_source = _block_sums(source.points, by_source, block)
+    spread = of_source.T @ of_source + of_target.T @ of_target - pairs
     values, axes = np.linalg.eigh(spread)
     floored: FloatArray = (axes * np.maximum(values, 1e-12 * max(values[-1], 1e-30))) @ axes.T
     return floored
+
+
+def _block_sums(points: FloatArray, pulls: FloatArray, block: float) -> FloatArray:
+    """Sums (b, 6) of pulls (N, 6) over the points (N, 3) in each cell of a grid."""
+    cell = np.floor(points / block).astype(np.int64)
+    cell -= cell.min(axis=0)
+    shape = cell.max(axis=0) + 1
+    flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
+    order = np.argsort(flat, kind="stable")
+    starts = np.flatnonzero(np.diff(flat[order], prepend=-1))
+    sums: FloatArray = np.add.reduceat(pulls[order], starts, axis=0)
+    return sums
 
 
 @compiled

@@ -27,11 +27,14 @@ class Patches:
         points: (N, 3).
         normals: (N, 3) unit normals without orientation; zero where too few points are near.
         spacing: edge of the square that one point stands for, the median over the cloud.
+        roughness: median height of a point above the mean of its neighbours, in spacings: noise,
+            or a surface that bends within a few spacings.
     """
 
     points: FloatArray
     normals: FloatArray
     spacing: float
+    roughness: float
 
     @classmethod
     def of(cls, points: FloatArray, spacing: float | None = None) -> Patches:
@@ -45,8 +48,8 @@ class Patches:
         reach = _REACH * _BALL * spacing
         cells = cells_of(points, reach)
         normals = np.empty_like(points)
-        normals[cells.order] = _normals(cells, reach, _BALL * spacing)
-        return cls(points, normals, spacing)
+        normals[cells.order], heights = _normals(cells, reach, _BALL * spacing)
+        return cls(points, normals, spacing, float(np.median(heights)) / spacing)
 
 
 def surface_spacing(points: FloatArray) -> float:
@@ -61,10 +64,10 @@ def surface_spacing(points: FloatArray) -> float:
 
 
 @compiled
-def _normals(cells: Cells, reach: float, sigma: float) -> FloatArray:
-    """(N, 3) in cell order: the least principal axis of a Gaussian ball."""
+def _normals(cells: Cells, reach: float, sigma: float) -> tuple[FloatArray, FloatArray]:
+    """(N, 3) in cell order: the least principal axis of a Gaussian ball; (N,) heights above it."""
     x = cells.points
-    out = np.zeros_like(x)
+    out, heights = np.zeros_like(x), np.zeros(len(x))
     runs = np.empty((9, 2), np.int64)
     C = np.empty((3, 3))
     for i in range(len(x)):
@@ -95,4 +98,5 @@ def _normals(cells: Cells, reach: float, sigma: float) -> FloatArray:
         C[1, 2] = C[2, 1] = c12 / w_sum - s1 * s2
         _, axes = np.linalg.eigh(C)
         out[i] = axes[:, 0]
-    return out
+        heights[i] = abs(axes[0, 0] * s0 + axes[1, 0] * s1 + axes[2, 0] * s2)
+    return out, heights

@@ -28,8 +28,12 @@ _MANY, _WIDEST = 700, 2.0
 # Independent samples of a surface have their nearest points √(ln 2/π) = 0.47 spacings apart in the
 # median; clouds that meet more closely than this share their points.
 _SHARED = 0.3
-# The planes of independent samples are what tells the pose: ℓ_n is then this much sharper.
+# Where rough surfaces are sampled independently, few pairs lie on each other's planes, and those
+# tell the pose: ℓ_n is this much sharper there. On smooth ones all do, and average their noise.
 _SHARPER = 0.4
+_SMOOTH, _ROUGH = 0.1, 0.16
+# About the ball that a normal is fitted to.
+_BLOCK = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +83,8 @@ class SurfaceLoop:
         # the kernel reaches along it, the less.
         fewer = min(len(target.arrays.points), len(source.arrays.points))
         wide = float(np.clip((_MANY / fewer) ** 0.5, 1.0, _WIDEST))
+        roughness = min(target.roughness, source.roughness)
+        sharper = float(np.interp(roughness, (_SMOOTH, _ROUGH), (1.0, _SHARPER)))
         ell, across = self.lengthscale * wide * spacing, self.across * spacing
         steps: list[Step] = []
         T, steady = self._level(target, source, T, ell, across, self.steps, stop, steps)
@@ -88,7 +94,7 @@ class SurfaceLoop:
                 break
             apart = meeting.distance > _SHARED * spacing
             growth = self.growth * (wide if apart else 1.0)
-            growth_across = self.growth_across * (_SHARPER if apart else 1.0)
+            growth_across = self.growth_across * (sharper if apart else 1.0)
             ell = float(np.clip(growth * meeting.distance, self.least * spacing, ell))
             across = min(
                 ell,
@@ -105,7 +111,8 @@ class SurfaceLoop:
         view, cut = target.at(VIEW * ell), REACH * ell
         rounds = 0 if stop() else _NEWTON_STEPS
         T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
-        spread = pull_spread(view, source.arrays, T, ell, across, cut)
+        block = _BLOCK * spacing
+        spread = pull_spread(view, source.arrays, T, ell, across, cut, block)
         products = surface_products(target, source, T, ell, across)
         return SurfaceSolution(
             T, ell, across, (steady or small) and not stop(), steps, products, curvature, spread

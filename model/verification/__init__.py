@@ -2,6 +2,14 @@
 
 from model.verification.evidence import NAMES, Evidence
 from model.verification.examination import Examination
-from model.verification.verifier import Judge, SurfaceAgreement, Verifier
+from model.verification.verifier import Judge, Perceptron, SurfaceAgreement, Verifier
 
-__all__ = ["NAMES", "Evidence", "Examination", "Judge", "SurfaceAgreement", "Verifier"]
+__all__ = [
+    "NAMES",
+    "Evidence",
+    "Examination",
+    "Judge",
+    "Perceptron",
+    "SurfaceAgreement",
+    "Verifier",
+]

@@ -9,9 +9,11 @@ import numpy as np
 import numpy.typing as npt
 
 from model.compiled import compiled
+from model.side_by_side import side_by_side
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
 from model.surface.cloud import SurfaceCloud
 from model.surface.moments import SurfaceArrays
+from model.verification.contact import contact
 
 # Neighbours are sought this far, in spacings.
 REACH = 2.0
@@ -47,20 +49,28 @@ class Evidence:
         values: (K, E), in the order of ``NAMES``; none has a unit.
         label_odds: (K,) what the labels of neighbours that differ take from the log-odds; 0 without
             labels, which the verifier doesn't know.
+        contacts: (K, 2, POINTS, F) how points of both clouds meet, see ``contact``; None where
+            nobody looked so closely.
     """
 
     values: FloatArray
     label_odds: FloatArray
+    contacts: npt.NDArray[np.float32] | None = None
 
     def select(self, rows: npt.NDArray[np.int64]) -> Evidence:
         """Some of the poses."""
-        return Evidence(self.values[rows], self.label_odds[rows])
+        seen = None if self.contacts is None else self.contacts[rows]
+        return Evidence(self.values[rows], self.label_odds[rows], seen)
 
     def joined(self, other: Evidence) -> Evidence:
-        """Of both poses' sets, one after the other."""
+        """Of both poses' sets, one after the other; both, or neither, looked at closely."""
+        seen = None
+        if self.contacts is not None and other.contacts is not None:
+            seen = np.concatenate([self.contacts, other.contacts])
         return Evidence(
             np.concatenate([self.values, other.values]),
             np.concatenate([self.label_odds, other.label_odds]),
+            seen,
         )
 
     @classmethod
@@ -71,6 +81,7 @@ class Evidence:
         T: FloatArray,
         support: FloatArray,
         matches: int,
+        closely: bool,
     ) -> Evidence:
         """Look at the neighbours of every point, from both sides.
 
@@ -80,36 +91,36 @@ class Evidence:
             T: (K, 4, 4) T_target_source.
             support: (K,) matches that agree with each.
             matches: how many there are.
+            closely: whether to look at how every point meets the other cloud, too.
         """
         spacing = max(target.spacing, source.spacing)
         reach = REACH * spacing
         fixed, moving = target.at(reach), source.at(reach)
         beside_fixed, beside_moving = target.neighbours(reach), source.neighbours(reach)
         inverse = np.linalg.inv(T)
-        rows, label_odds = np.empty((len(T), len(NAMES))), np.zeros(len(T))
-        for k in range(len(T)):
+
+        def looked_at(k: int) -> FloatArray:
             a = _one_side(fixed.cells, fixed.arrays, moving.arrays, beside_moving, T[k], spacing)
             b = _one_side(
                 moving.cells, moving.arrays, fixed.arrays, beside_fixed, inverse[k], spacing
             )
-            both = 0.5 * (a + b)
-            label_odds[k] = _LABEL_WEIGHT * (both[8] - 1.0)
-            rows[k] = (
-                min(a[0], b[0]),
-                both[0],
-                min(a[1], b[1]),
-                both[1],
-                both[2],
-                both[3],
-                both[4],
-                both[5],
-                both[6],
-                both[7],
-                support[k] / max(matches, 1),
-                math.log1p(support[k]),
-                math.log(min(len(fixed.arrays.points), len(moving.arrays.points))),
-            )
-        return cls(rows, label_odds)
+            return _of_both_sides(a, b)
+
+        sides = np.stack(side_by_side(looked_at, range(len(T))))
+        label_odds = _LABEL_WEIGHT * (sides[:, -1] - 1.0)
+        of_matches = np.stack([support / max(matches, 1), np.log1p(support)], axis=1)
+        fewer = math.log(min(len(fixed.arrays.points), len(moving.arrays.points)))
+        rows = np.column_stack([sides[:, :-1], of_matches, np.full(len(T), fewer)])
+        seen = None
+        if closely:
+            seen = np.stack(side_by_side(lambda pose: contact(target, source, pose), T))
+        return cls(rows, label_odds, seen)
+
+
+def _of_both_sides(a: FloatArray, b: FloatArray) -> FloatArray:
+    """Of both sides' shares and means the least and the mean, or the mean alone, (11,)."""
+    least, both = np.minimum(a, b), 0.5 * (a + b)
+    return np.concatenate([[least[0], both[0], least[1]], both[1:]])
 
 
 @compiled

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from model.verification.evidence import Evidence
+
 FloatArray = npt.NDArray[np.float64]
 
 
@@ -16,16 +18,16 @@ class Examination:
 
     Attributes:
         candidates: (K, 4, 4) what the search left, best first, before the last stage.
-        candidate_evidence: (K, E).
+        candidate_evidence: of the candidates, by a close look.
         answer: (4, 4) solved.
-        answer_evidence: (E,).
+        answer_evidence: of the answer alone.
         log_odds: the judge's score of the answer.
         lead: by which it exceeds that of the best runner-up; None without one.
     """
 
     candidates: FloatArray
-    candidate_evidence: FloatArray
+    candidate_evidence: Evidence
     answer: FloatArray
-    answer_evidence: FloatArray
+    answer_evidence: Evidence
     log_odds: float
     lead: float | None

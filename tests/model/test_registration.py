@@ -62,7 +62,7 @@ def test_another_sample_of_another_size_is_registered(registrar, cloud, pose):
 def test_the_papers_gradient_loop_gives_the_same_diagnostics(registrar, cloud, pose):
     source, target, T = pair(cloud, pose, 2, 60.0, part=1)
     result = registrar.register(source, target, solver="gradient")
-    assert error_deg(result.T_target_source, T) < 2.0
+    assert error_deg(result.T_target_source, T) < 3.0
     assert result.diagnostics.solver == "gradient"
     assert len(result.diagnostics.trace) == result.diagnostics.iterations > 3
     lengthscales = [step.lengthscale for step in result.diagnostics.trace]

@@ -24,6 +24,7 @@ from model.surface.curvature import pull_spread
 from model.surface.descent import retracted
 from model.surface.meeting import Meeting
 from model.surface.near_pairs import farthest_move
+from model.uncertainty import Uncertainty
 
 ELL, ACROSS, FAR = 0.3, 0.15, 9.0
 
@@ -190,8 +191,21 @@ def test_stopped_before_the_first_step_it_answers_with_the_start():
 
 def test_the_spread_of_pulls_is_that_of_single_pairs(clouds):
     view = clouds[0].at(FAR)
-    spread = pull_spread(view, clouds[1].arrays, small_pose(8), ELL, ACROSS, FAR)
+    spread = pull_spread(view, clouds[1].arrays, small_pose(8), ELL, ACROSS, FAR, 0.2)
     assert (np.linalg.eigvalsh(spread) > 0).all()
+
+
+def test_the_covariance_is_that_of_the_error_over_new_samples():
+    """Over 200 noisy draws of both clouds the normalised error squared has mean 6."""
+    loop, errors = SurfaceLoop(), []
+    for draw in range(200):
+        target, source = (SurfaceCloud.of(ellipsoid(500, 2 * draw + k, 0.01)) for k in (0, 1))
+        found = loop.solve(target, source, np.eye(4), never)
+        own = Uncertainty.sandwich(-found.curvature.hessian, found.spread)
+        T = torch.from_numpy(found.T_target_source)[None]
+        error = pp.mat2SE3(T, check=False).Log().tensor()[0].numpy()
+        errors.append(error @ np.linalg.solve(own.covariance, error))
+    assert 4.5 < np.mean(errors) < 7.5
 
 
 def test_spacing_is_the_edge_of_a_points_share_of_the_surface():

@@ -15,6 +15,7 @@ from model.artifact import load_artifact
 from model.exceptions import CloudShapeError, InvalidOptionError, NonFiniteCloudError
 from model.surface import SurfaceCloud
 from model.verification import NAMES, Evidence, SurfaceAgreement, Verifier
+from model.verification.contact import POINTS, TRAITS, contact
 from model.verification.evidence import patches
 
 
@@ -38,7 +39,7 @@ def evidence(cloud, pose) -> Evidence:
     """Of the right pose and of a wrong one, for two samples of a shape."""
     x, z = (SurfaceCloud.of(cloud(2, 500, part).double().numpy()) for part in (0, 1))
     T = np.stack([np.eye(4), pose(3, 120.0).numpy()])
-    return Evidence.of(x, z, T, np.array([40.0, 5.0]), 100)
+    return Evidence.of(x, z, T, np.array([40.0, 5.0]), 100, closely=True)
 
 
 def test_the_right_pose_has_the_better_evidence_and_no_number_is_off(cloud, pose):
@@ -70,20 +71,48 @@ def test_a_verifier_survives_json_and_refuses_what_is_not_one():
     verifier = load_artifact().verifier
     assert verifier is not None
     again = Verifier.from_dict(json.loads(json.dumps(verifier.as_dict())))
-    values = np.random.default_rng(0).normal(size=(5, len(NAMES)))
-    np.testing.assert_array_equal(
-        again.log_odds(Evidence(values, np.zeros(5))),
-        verifier.log_odds(Evidence(values, np.zeros(5))),
-    )
+    rng = np.random.default_rng(0)
+    glance = Evidence(rng.normal(size=(5, len(NAMES))), np.zeros(5))
+    contacts = rng.normal(size=(5, 2, POINTS, len(TRAITS))).astype(np.float32)
+    close = replace(glance, contacts=contacts)
+    for seen in (glance, close):
+        np.testing.assert_array_equal(again.log_odds(seen), verifier.log_odds(seen))
+    assert not np.allclose(verifier.log_odds(glance), verifier.log_odds(close))
+    plain = verifier.as_dict()
     for change in (
         {"evidence": ["other"]},
+        {"traits": ["other"]},
         {"mean": [1.0]},
-        {"hidden_bias": [0.0]},
+        {"glance": {**plain["glance"], "hidden_bias": [0.0]}},
+        {"points": {**plain["points"], "out_bias": [0.0]}},
+        {"verdict": plain["glance"]},
         {"scale": [float("nan")] * len(NAMES)},
         {"calibration": None},
     ):
         with pytest.raises(InvalidOptionError, match="calibrate"):
-            Verifier.from_dict({**verifier.as_dict(), **change})
+            Verifier.from_dict({**plain, **change})
+
+
+def test_traits_are_the_same_after_a_motion_and_swapping_the_clouds_swaps_the_sides(cloud, pose):
+    target, source = (cloud(2, 400, part).double().numpy() for part in (0, 1))
+    T = pose(5, 3.0).double().numpy()
+    x, z = SurfaceCloud.of(target), SurfaceCloud.of(source)
+    seen = contact(x, z, T)
+    assert seen.shape == (2, POINTS, len(TRAITS))
+    assert np.isfinite(seen).all()
+    swapped = contact(z, x, np.linalg.inv(T))
+    np.testing.assert_allclose(swapped, seen[::-1], atol=1e-4)
+
+
+def test_points_off_the_other_cloud_are_far_and_beyond_its_edge():
+    rng = np.random.default_rng(0)
+    flat = np.concatenate([rng.uniform(0.0, 1.0, (600, 2)), np.zeros((600, 1))], 1)
+    left, all_of_it = SurfaceCloud.of(flat[flat[:, 0] < 0.5]), SurfaceCloud.of(flat)
+    seen = dict(zip(TRAITS, contact(left, all_of_it, np.eye(4))[0].T, strict=True))
+    assert 0.35 < np.mean(seen["very_close"] > 0.99) < 0.65
+    just_off = (seen["distance"] > 0.3) & (seen["distance"] < 0.9)
+    assert np.median(seen["beyond_edge"][just_off]) > 0.2
+    assert np.median(seen["other_edge"][just_off]) > 0.25
 
 
 def test_probability_grows_with_the_odds_and_with_the_lead():
@@ -104,6 +133,26 @@ def test_easy_pairs_are_probably_right_and_unlike_clouds_are_not(registrar, clou
     bare = Registrar(replace(registrar.artifact, verifier=None)).register(source, target)
     assert bare.diagnostics.success_probability is None
     assert angle_deg(bare.T_target_source, T) < 3.0
+
+
+@pytest.mark.parametrize("kind", ["square", "cylinder", "sphere"])
+def test_a_surface_that_slides_is_never_probably_right(registrar, pose, kind):
+    def surface(n: int, seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed)
+        turn, height = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(-1.0, 1.0, n)
+        if kind == "square":
+            return np.column_stack([rng.uniform(-1.0, 1.0, (n, 2)), np.zeros(n)])
+        radius = 0.6 if kind == "cylinder" else np.sqrt(1.0 - height**2)
+        return np.column_stack([radius * np.cos(turn), radius * np.sin(turn), height])
+
+    T = pose(3, 70.0).numpy()
+    source = (surface(500, 0) - T[:3, 3]) @ T[:3, :3]
+    d = registrar.register(source, surface(600, 1)).diagnostics
+    assert d.degenerate_directions
+    assert d.success_probability is not None
+    assert d.success_probability <= 0.2
+    assert any("undetermined" in warning for warning in d.warnings)
+    assert np.isfinite(d.covariance).all()
 
 
 @pytest.mark.parametrize("angle", [3.0, 40.0, 170.0])

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from model import Registrar
+from model.verification import Evidence
 from training.data.motion import Motion
 from training.data.pairs import pair_of_shape
 from training.data.perturbation import Perturbation
@@ -39,23 +40,39 @@ def hard_perturbation(points_per_shape: int) -> Perturbation:
     )
 
 
+def usual_perturbation(points_per_shape: int) -> Perturbation:
+    """What every other pair goes through: one of each kind, alone or together."""
+    most = min(1400, points_per_shape // 2)
+    return Perturbation(
+        sigma=(0.01, 0.01),
+        noise_probability=0.5,
+        outlier_share=(0.2, 0.2),
+        outlier_probability=0.4,
+        crop_share=(0.05, 0.2),
+        crop_probability=0.6,
+        target_points=(max(4, most * 3 // 7), most),
+        source_points=(max(4, most * 3 // 7), most),
+        resample_probability=0.6,
+    )
+
+
 @dataclass(frozen=True, slots=True)
 class JudgedPoses:
     """Of one pair.
 
     Attributes:
-        candidates: (K, E) evidence for what the search left.
+        candidates: evidence for K poses that the search left.
         candidates_right: (K,).
-        solved: (E,) evidence for the solved pose.
+        solved: evidence for the solved pose.
         solved_right: whether it is.
         lead: by which the judge's score of the answer exceeds that of the best runner-up; None
             without one.
         log_odds: the judge's score of the answer.
     """
 
-    candidates: FloatArray
+    candidates: Evidence
     candidates_right: npt.NDArray[np.bool_]
-    solved: FloatArray
+    solved: Evidence
     solved_right: bool
     lead: float | None
     log_odds: float
@@ -80,14 +97,18 @@ def judged_poses(
     for number in range(pairs):
         shapes = sources[number % len(sources)]
         chosen = derived_seed(seed, Stream.VALIDATION, number) % len(shapes)
-        yield judged(registrar, shapes[chosen], derived_seed(seed, Stream.PAIR, number))
+        kind = hard_perturbation if number // len(sources) % 2 else usual_perturbation
+        shape = shapes[chosen]
+        perturbation = kind(len(shape.points))
+        yield judged(registrar, shape, perturbation, derived_seed(seed, Stream.PAIR, number))
         tell()
 
 
-def judged(registrar: Registrar, shape: Shape, seed: int) -> JudgedPoses:
+def judged(
+    registrar: Registrar, shape: Shape, perturbation: Perturbation, seed: int
+) -> JudgedPoses:
     """Make one pair of a shape, register it, judge the poses."""
-    generator = torch_generator(seed, Stream.PAIR)
-    pair = pair_of_shape(shape, hard_perturbation(len(shape.points)), generator)
+    pair = pair_of_shape(shape, perturbation, torch_generator(seed, Stream.PAIR))
     pair = pair.moved(_ANY_MOTION.draw(torch_generator(seed, Stream.MOTION)))
     found = registrar.examine(
         pair.source.double().numpy(), pair.target.double().numpy(), seed=seed % 2**31

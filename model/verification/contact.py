@@ -1,0 +1,205 @@
+"""How each point of a cloud meets the other cloud at a pose: what a close look at a pose sees."""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+from scipy.spatial import KDTree
+
+from model.compiled import compiled
+from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+from model.surface.cloud import SurfaceCloud
+from model.surface.moments import SurfaceArrays
+
+# Neighbours in the other cloud are sought this far, in spacings.
+REACH = 3.0
+# Beyond this a neighbour's normal and features say nothing.
+_RELATED = 2.0
+# Neighbours in the own cloud: of its edge and of a small mean, and of a wide one.
+_SMALL, _WIDE = 12, 40
+# A close look takes about this many points of each cloud.
+POINTS = 192
+
+TRAITS = (
+    "very_close",
+    "close",
+    "near",
+    "within_reach",
+    "facing",
+    "level",
+    "on_surface",
+    "likeness_of_first_channels",
+    "likeness_of_last_channels",
+    "own_edge",
+    "other_edge",
+    "near_around",
+    "on_surface_around",
+    "near_far_around",
+    "beyond_edge",
+    "distance",
+)
+
+
+class Surroundings(NamedTuple):
+    """Of the points of one cloud, within it.
+
+    Attributes:
+        neighbours: (N, k) nearest other points, the nearest first.
+        edge: (N, 3) towards where there are no points; its norm is 0 amid a surface and about 1/2
+            at the end of one, be it an object's or a crop's.
+    """
+
+    neighbours: IntArray
+    edge: FloatArray
+
+
+def surroundings(cloud: SurfaceCloud, reach: float) -> Surroundings:
+    """Of the points in the order of ``cloud.at(reach)``; found once."""
+
+    def found() -> Surroundings:
+        points = cloud.at(reach).arrays.points
+        k = min(_WIDE, len(points) - 1)
+        index = np.asarray(KDTree(points).query(points, k=list(range(2, k + 2)))[1], np.int64)
+        offsets = points[index[:, :_SMALL]] - points[:, None]
+        size = np.linalg.norm(offsets, axis=2).mean(axis=1, keepdims=True)
+        return Surroundings(
+            np.ascontiguousarray(index), -offsets.mean(axis=1) / np.maximum(size, 1e-12)
+        )
+
+    return cloud.remembered(("surroundings", reach), found)
+
+
+def contact(target: SurfaceCloud, source: SurfaceCloud, T: FloatArray) -> npt.NDArray[np.float32]:
+    """The traits of points of both clouds at one pose, (2, POINTS, len(TRAITS)).
+
+    Source points come first, then target points; of a smaller cloud some are taken twice.
+
+    Args:
+        target: N points.
+        source: M points.
+        T: (4, 4) T_target_source.
+    """
+    spacing = max(target.spacing, source.spacing)
+    reach = REACH * spacing
+    fixed, moving = target.at(reach), source.at(reach)
+    beside_fixed, beside_moving = surroundings(target, reach), surroundings(source, reach)
+    inverse = np.linalg.inv(T).astype(np.float64)
+    of_source = _traits(
+        fixed.cells, fixed.arrays, beside_fixed, moving.arrays, beside_moving, T, spacing
+    )
+    of_target = _traits(
+        moving.cells,
+        moving.arrays,
+        beside_moving,
+        fixed.arrays,
+        beside_fixed,
+        inverse,
+        spacing,
+    )
+    return np.stack([traits[_some(len(traits))] for traits in (of_source, of_target)])
+
+
+def _some(count: int) -> IntArray:
+    """Rows spread evenly over the cells."""
+    rows: IntArray = (np.arange(POINTS) * (count / POINTS)).astype(np.int64)
+    return rows
+
+
+@compiled
+def _traits(
+    cells: Cells,
+    fixed: SurfaceArrays,
+    beside_fixed: Surroundings,
+    moving: SurfaceArrays,
+    beside_moving: Surroundings,
+    T: FloatArray,
+    spacing: float,
+) -> npt.NDArray[np.float32]:
+    """(M, len(TRAITS)) of the moving points, from each one's nearest fixed point."""
+    count = len(moving.points)
+    channels = fixed.features.shape[1] // 3
+    half = channels // 2
+    out = np.zeros((count, 16), np.float32)
+    runs = np.empty((9, 2), np.int64)
+    reach2 = (REACH * spacing) ** 2
+    for j in range(count):
+        e0, e1, e2 = beside_moving.edge[j, 0], beside_moving.edge[j, 1], beside_moving.edge[j, 2]
+        out[j, 9] = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
+        z0, z1, z2 = moving.points[j, 0], moving.points[j, 1], moving.points[j, 2]
+        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
+        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
+        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
+        nearest, at = reach2, -1
+        for run in range(runs_around(cells, y0, y1, y2, runs)):
+            for p in range(runs[run, 0], runs[run, 1]):
+                d0 = fixed.points[p, 0] - y0
+                d1 = fixed.points[p, 1] - y1
+                d2 = fixed.points[p, 2] - y2
+                distance2 = d0 * d0 + d1 * d1 + d2 * d2
+                if distance2 < nearest:
+                    nearest, at = distance2, p
+        d = math.sqrt(nearest) / spacing
+        out[j, 0] = math.exp(-8.0 * d * d)
+        out[j, 1] = math.exp(-2.0 * d * d)
+        out[j, 2] = near = math.exp(-0.5 * d * d)
+        out[j, 3] = math.exp(-0.125 * d * d)
+        out[j, 15] = d / REACH
+        if at < 0:
+            continue
+        x0, x1, x2 = fixed.normals[at, 0], fixed.normals[at, 1], fixed.normals[at, 2]
+        n0, n1, n2 = moving.normals[j, 0], moving.normals[j, 1], moving.normals[j, 2]
+        m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
+        m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
+        m2 = T[2, 0] * n0 + T[2, 1] * n1 + T[2, 2] * n2
+        d0, d1, d2 = fixed.points[at, 0] - y0, fixed.points[at, 1] - y1, fixed.points[at, 2] - y2
+        above = abs(x0 * d0 + x1 * d1 + x2 * d2) + abs(m0 * d0 + m1 * d1 + m2 * d2)
+        h = 0.5 * above / spacing
+        out[j, 5] = math.exp(-50.0 * h * h) * near
+        out[j, 6] = math.exp(-5.5 * h * h) * near
+        e0, e1, e2 = beside_fixed.edge[at, 0], beside_fixed.edge[at, 1], beside_fixed.edge[at, 2]
+        out[j, 10] = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
+        beyond = -(d0 * e0 + d1 * e1 + d2 * e2) / spacing
+        out[j, 14] = min(2.0, max(-2.0, beyond))
+        if d < _RELATED:
+            out[j, 4] = abs(x0 * m0 + x1 * m1 + x2 * m2)
+            out[j, 7] = _likeness(fixed.features, at, moving.features, j, T, 0, half)
+            out[j, 8] = _likeness(fixed.features, at, moving.features, j, T, half, channels)
+    neighbours = beside_moving.neighbours
+    small = min(12, neighbours.shape[1])
+    for j in range(count):
+        near_small = on_small = near_wide = 0.0
+        for a in range(neighbours.shape[1]):
+            near_wide += out[neighbours[j, a], 2]
+            if a < small:
+                near_small += out[neighbours[j, a], 2]
+                on_small += out[neighbours[j, a], 6]
+        out[j, 11], out[j, 12] = near_small / small, on_small / small
+        out[j, 13] = near_wide / neighbours.shape[1]
+    return out
+
+
+@compiled
+def _likeness(
+    fixed: npt.NDArray[np.float32],
+    i: int,
+    moving: npt.NDArray[np.float32],
+    j: int,
+    T: FloatArray,
+    first: int,
+    past: int,
+) -> float:
+    """Cosine of some channels of the features of two points at T; 0 without channels."""
+    channels = fixed.shape[1] // 3
+    product = own = other = 0.0
+    for c in range(first, past):
+        g0, g1, g2 = moving[j, c], moving[j, channels + c], moving[j, 2 * channels + c]
+        f0, f1, f2 = fixed[i, c], fixed[i, channels + c], fixed[i, 2 * channels + c]
+        product += f0 * (T[0, 0] * g0 + T[0, 1] * g1 + T[0, 2] * g2)
+        product += f1 * (T[1, 0] * g0 + T[1, 1] * g1 + T[1, 2] * g2)
+        product += f2 * (T[2, 0] * g0 + T[2, 1] * g1 + T[2, 2] * g2)
+        own += g0 * g0 + g1 * g1 + g2 * g2
+        other += f0 * f0 + f1 * f1 + f2 * f2
+    return product / math.sqrt(own * other + 1e-12)
