@@ -21,7 +21,16 @@ from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import Candidates, Start, evidence_at, flip_start, grid_start, hypothesise, refine
+from model.search import (
+    Candidates,
+    Start,
+    evidence_at,
+    flip_start,
+    grid_start,
+    hypothesise,
+    matched_start,
+    refine,
+)
 from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
 from model.verification import Evidence, Examination, Judge, SurfaceAgreement
@@ -233,28 +242,21 @@ class Registrar:
     def _search(
         self, pair: Pair, start: Start, options: Options, thorough: bool = False
     ) -> tuple[Start, Candidates]:
-        """Refine the start poses; flips of the best, too, and a grid where a doubt is left."""
+        """Refine the start poses; where a doubt is left, flips, more matches and a grid, too."""
         candidates = self._refine(pair, start, options)
         settings = self.artifact.settings.hypotheses_for(options.search)
+        x, z, farthest = pair.target, pair.source, options.max_rotation_deg
         if settings.flips and (thorough or self._doubtful(candidates, options)):
-            start = flip_start(
-                start,
-                candidates.poses[: settings.flips],
-                pair.target.sparse,
-                pair.source.sparse,
-                options.max_rotation_deg,
-            )
+            best = candidates.poses[: settings.flips]
+            start = flip_start(start, best, x.sparse, z.sparse, farthest)
             candidates = self._also(candidates, pair, start, options)
-        if settings.grid_step_deg and self._doubtful(candidates, options):
-            start = grid_start(
-                start,
-                pair.target.function,
-                pair.source.function,
-                pair.sparse_spacing,
-                options.max_rotation_deg,
-                settings,
-            )
-            candidates = self._also(candidates, pair, start, options)
+        for more, wanted in (
+            (matched_start, settings.matches > 0 and settings.more_matches > 0),
+            (grid_start, settings.grid_step_deg > 0.0),
+        ):
+            if wanted and self._doubtful(candidates, options):
+                start = more(start, x.function, z.function, pair.sparse_spacing, farthest, settings)
+                candidates = self._also(candidates, pair, start, options)
         return start, candidates
 
     def _also(

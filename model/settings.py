@@ -52,7 +52,13 @@ class RegistrarSettings:
         if search == "global":
             return self.hypotheses
         return replace(
-            self.hypotheses, identity=False, triplets=False, matches=0, flips=0, grid_step_deg=0.0
+            self.hypotheses,
+            identity=False,
+            triplets=False,
+            matches=0,
+            more_matches=0,
+            flips=0,
+            grid_step_deg=0.0,
         )
 
     def as_dict(self) -> dict[str, Any]:

@@ -68,10 +68,11 @@ def _hypotheses(shipped: Artifact, workshop: Workshop) -> list[Arm]:
         "all hypotheses": {},
         "without consensus": {"triplets": False},
         "without single matches": {"matches": 0},
+        "without flips": {"flips": 0},
         "without grid": {"grid_step_deg": 0.0},
         "without identity": {"identity": False},
-        "features alone": {"grid_step_deg": 0.0, "identity": False},
-        "grid alone": {"triplets": False, "matches": 0, "identity": False},
+        "features alone": {"flips": 0, "grid_step_deg": 0.0, "identity": False},
+        "grid alone": {"triplets": False, "matches": 0, "flips": 0, "identity": False},
     }
     return [
         Arm(search=[search(label, with_hypotheses(shipped, **change), label)])

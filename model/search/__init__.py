@@ -8,6 +8,7 @@ from model.search.hypothesise import (
     flip_start,
     grid_start,
     hypothesise,
+    matched_start,
 )
 
 __all__ = [
@@ -21,6 +22,7 @@ __all__ = [
     "flip_start",
     "grid_start",
     "hypothesise",
+    "matched_start",
     "refine",
     "within",
 ]

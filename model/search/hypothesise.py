@@ -47,6 +47,8 @@ class HypothesisSettings:
         triplets: whether there are any of those.
         matches: poses from one match each that are put to the vote; 0 for none.
         voted: most of those that are kept.
+        more_matches: the same where the others leave a doubt; 0, or no matches, for none.
+        more_voted: most of those that are kept.
         flips: how many of the best candidates are turned about the object's axes; see flips.py.
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
         grid_levels: how the grid's poses slide into the basins of wide kernels.
@@ -58,6 +60,8 @@ class HypothesisSettings:
     consensus: ConsensusSettings = field(default_factory=ConsensusSettings)
     matches: int = 150
     voted: int = 6
+    more_matches: int = 800
+    more_voted: int = 40
     flips: int = 2
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
@@ -130,14 +134,9 @@ def hypothesise(
             return matches, Consensus.empty()
         return matches, consensus(matches, spacing, settings.consensus, seed)
 
-    def voted() -> tuple[FloatArray, int]:
-        if not settings.matches:
-            return np.zeros((0, 4, 4)), 0
-        single = matched_poses(target, source, settings.matches)
-        best = voted_poses(single, settings.voted, spacing) if len(single) else single
-        return best.double().numpy(), len(single)
-
-    of_triplets, of_single = run_together(agreed, voted)
+    of_triplets, of_single = run_together(
+        agreed, lambda: _voted(target, source, spacing, settings.matches, settings.voted)
+    )
     matches, agreement = of_triplets
     poses, singles = of_single
     parts.append(_of_kind("consensus", agreement.T_target_source))
@@ -147,6 +146,29 @@ def hypothesise(
     allowed = within(every, centre[:3, :3], max_rotation_deg)
     allowed[0] = True
     return Start(every.select(allowed), matches, tried)
+
+
+def matched_start(
+    start: Start,
+    target: CloudFunction,
+    source: CloudFunction,
+    spacing: float,
+    max_rotation_deg: float,
+    settings: HypothesisSettings,
+) -> Start:
+    """Poses of many more single matches, for where few of them were right.
+
+    Args:
+        start: the other start poses.
+        target: (1, N, …).
+        source: (1, M, …).
+        spacing: of the clouds.
+        max_rotation_deg: from the first of the start poses.
+        settings: how many.
+    """
+    poses, tried = _voted(target, source, spacing, settings.more_matches, settings.more_voted)
+    matched = _of_kind("matched", fitted(poses, start.matches, spacing, settings.consensus))
+    return start.with_others(matched, tried, max_rotation_deg)
 
 
 def flip_start(
@@ -199,6 +221,17 @@ def grid_start(
         spacing,
     )
     return start.with_others(Hypotheses.of_kind("grid", grid), seen, max_rotation_deg)
+
+
+def _voted(
+    target: CloudFunction, source: CloudFunction, spacing: float, matches: int, kept: int
+) -> tuple[FloatArray, int]:
+    """The poses of single matches that most others stand near, and how many there were."""
+    if not matches:
+        return np.zeros((0, 4, 4)), 0
+    single = matched_poses(target, source, matches)
+    best = voted_poses(single, kept, spacing) if len(single) else single
+    return best.double().numpy(), len(single)
 
 
 def _of_kind(kind: str, T: FloatArray) -> Hypotheses:
