@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
@@ -21,6 +22,7 @@ from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
+from model.se3 import rotation_angle
 from model.search import (
     Candidates,
     Start,
@@ -299,7 +301,7 @@ class Registrar:
         solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
         poses = [found.T_target_source for found in solved]
-        if guess is not None:
+        if guess is not None and not self._is_among(guess.numpy(), poses, pair):
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
@@ -308,6 +310,19 @@ class Registrar:
         if best < len(solved):
             return solved[best]
         return stage.solve(pair.target, pair.source, poses[best], always)
+
+    def _is_among(self, T: FloatArray, poses: Sequence[FloatArray], pair: Pair) -> bool:
+        """Whether a pose (4, 4) is one of others before its last steps.
+
+        The judge tells basins apart, not a pose from the one that the last stage made of it.
+        """
+        settings = self.artifact.settings.search
+        every = torch.from_numpy(np.stack([T, *poses])).float()
+        angles = rotation_angle(every[1:, :3, :3], every[:1, :3, :3]).rad2deg()
+        apart = (every[1:, :3, 3] - every[0, :3, 3]).norm(dim=-1)
+        reach = settings.merge_distance * pair.sparse_spacing
+        near = (angles < settings.merge_angle_deg) & (apart < reach)
+        return bool(near.any())
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

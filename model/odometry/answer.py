@@ -58,8 +58,10 @@ class Answer:
             return False
         if self.probability >= settings.sufficient:
             return True
-        if T_predicted is None:
-            return False
+        return T_predicted is not None and self.agrees(settings, T_predicted, unit)
+
+    def agrees(self, settings: TrackerSettings, T_predicted: FloatArray, unit: float) -> bool:
+        """Whether the camera is about where it was expected; see ``is_believable``."""
         off = np.linalg.inv(T_predicted) @ self.T_world_camera
         near = float(np.linalg.norm(off[:3, 3])) <= settings.agreement_share * unit
         return near and angle_deg(off) <= settings.agreement_deg

@@ -57,8 +57,9 @@ class Tracker:
         expected = None if self.lost_in_a_row else guess
         if not best.is_believable(self.settings, expected, frame.cloud.scale):
             return self._lose(frame, guess)
-        found_by_search = best is not local or self.lost_in_a_row > 0
-        return self._follow(frame, best, Status.RELOCALISED if found_by_search else Status.TRACKED)
+        expected_there = best.agrees(self.settings, guess, frame.cloud.scale)
+        moved_on = not self.lost_in_a_row and (best is local or expected_there)
+        return self._follow(frame, best, Status.TRACKED if moved_on else Status.RELOCALISED)
 
     def skip(self, number: int, time: float, reason: str) -> Step:
         """Record a frame that can't be read; the camera is thought to go on as it did."""
