@@ -18,8 +18,8 @@ class TrackerSettings:
             before it.
         keyframe_overlap: a frame that shares less than this with the keyframe becomes the next one.
         trusted: success probability from which a local answer is taken as it is; below, the frame
-            is searched for everywhere, too, and the more probable answer counts.
-        sufficient: what that one must reach.
+            is searched for everywhere.
+        sufficient: what the answer of that must reach.
         doubtful: or this, if it also agrees with the predicted pose.
         least_overlap: below it the frame is lost, whatever else is said.
         agreement_deg: how far an answer may turn from the predicted pose and still agree.
@@ -32,7 +32,7 @@ class TrackerSettings:
 
     mode: str = "keyframe"
     keyframe_overlap: float = 0.85
-    trusted: float = 0.75
+    trusted: float = 0.8
     sufficient: float = 0.6
     doubtful: float = 0.2
     least_overlap: float = 0.25

@@ -51,14 +51,15 @@ class Tracker:
         guess = self.motion.predict(frame.time)
         local = self._local(frame, guess)
         if local.is_trusted(self.settings):
-            return self._follow(frame, local, Status.TRACKED)
-        best = max(local, self._around(frame), key=lambda answer: answer.probability)
+            status = Status.RELOCALISED if self.lost_in_a_row else Status.TRACKED
+            return self._follow(frame, local, status)
+        # A search that knows the rivals judges better than a local one; it starts there, too.
+        best = self._around(frame, local.T_world_camera)
         # After a loss the prediction is no witness.
         expected = None if self.lost_in_a_row else guess
         if not best.is_believable(self.settings, expected, frame.cloud.scale):
             return self._lose(frame, guess)
-        expected_there = best.agrees(self.settings, guess, frame.cloud.scale)
-        moved_on = not self.lost_in_a_row and (best is local or expected_there)
+        moved_on = expected is not None and best.agrees(self.settings, guess, frame.cloud.scale)
         return self._follow(frame, best, Status.TRACKED if moved_on else Status.RELOCALISED)
 
     def skip(self, number: int, time: float, reason: str) -> Step:
@@ -119,7 +120,7 @@ class Tracker:
         assert self.motion is not None
         for keyframe in self._references():
             for T_guess in (guess, self.motion.T_world_camera):
-                answer = self._registered(frame, keyframe, T_guess)
+                answer = self._registered(frame, keyframe, T_guess, "local")
                 if answer.is_trusted(self.settings):
                     return answer
                 if best is None or answer.probability > best.probability:
@@ -128,25 +129,21 @@ class Tracker:
         return best
 
     def _registered(
-        self, frame: OdometryFrame, keyframe: Keyframe, T_world_guess: FloatArray | None
+        self, frame: OdometryFrame, keyframe: Keyframe, T_world_guess: FloatArray, search: str
     ) -> Answer:
-        """From a guess of the pose in the world, or from nowhere."""
+        """From a guess of the pose in the world, near it or everywhere."""
         fixed = self.preparer.in_unit_of(keyframe.frame, frame)
-        register = self.preparer.registrar.register
-        if T_world_guess is None:
-            result = register(frame.cloud, fixed.cloud, seed=self.settings.seed)
-        else:
-            result = register(
-                frame.cloud,
-                fixed.cloud,
-                initial=np.linalg.inv(keyframe.T_world_camera) @ T_world_guess,
-                max_rotation_deg=_LOCAL_REACH_DEG,
-                search="local",
-                seed=self.settings.seed,
-            )
+        result = self.preparer.registrar.register(
+            frame.cloud,
+            fixed.cloud,
+            initial=np.linalg.inv(keyframe.T_world_camera) @ T_world_guess,
+            max_rotation_deg=_LOCAL_REACH_DEG if search == "local" else 180.0,
+            search=search,
+            seed=self.settings.seed,
+        )
         return Answer(keyframe, result, keyframe.T_world_camera @ result.T_target_source)
 
-    def _around(self, frame: OdometryFrame) -> Answer:
+    def _around(self, frame: OdometryFrame, guess: FloatArray) -> Answer:
         """Search everywhere against a few keyframes, until one of the answers is trusted."""
         assert self.motion is not None
         near = self.keyframes.near(self.motion.T_world_camera)
@@ -155,7 +152,7 @@ class Tracker:
         others = [keyframe for keyframe in near if keyframe.frame.number not in seen]
         answers = []
         for keyframe in [*latest, *others][: self.settings.tried_when_lost]:
-            answers.append(self._registered(frame, keyframe, None))
+            answers.append(self._registered(frame, keyframe, guess, "global"))
             if answers[-1].is_trusted(self.settings):
                 break
         return max(answers, key=lambda answer: answer.probability)
@@ -218,6 +215,6 @@ class Tracker:
         between = self._previous
         if between is None or between.frame.number == answer.keyframe.frame.number:
             return None
-        step = self._registered(frame, between, answer.T_world_camera)
+        step = self._registered(frame, between, answer.T_world_camera, "local")
         T_key_between = np.linalg.inv(answer.keyframe.T_world_camera) @ between.T_world_camera
         return Cycle.of(T_key_between, step.result.T_target_source, answer.result.T_target_source)
