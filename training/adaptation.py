@@ -14,6 +14,7 @@ from rich.console import Console
 
 from model import Registrar
 from model.artifact import Artifact, load_artifact, save_artifact
+from model.cloud_file import complete_file
 from model.exceptions import InvalidOptionError
 from model.odometry import Cycle
 from model.odometry.frame import FramePreparer, Framing
@@ -161,7 +162,8 @@ class KeepIfBetter(Callback):
             save_artifact(after, folder / ADAPTED)
         verdict = {"kept": kept, "before": asdict(scores[0]), "after": asdict(scores[1])}
         folder.mkdir(parents=True, exist_ok=True)
-        (folder / VERDICT).write_text(json.dumps(verdict, indent=2) + "\n", encoding="utf-8")
+        with complete_file(folder / VERDICT, "default_root_dir") as unfinished:
+            unfinished.write_text(json.dumps(verdict, indent=2) + "\n", encoding="utf-8")
         _tell(scores[0], scores[1], folder / ADAPTED if kept else None)
 
 

@@ -221,6 +221,8 @@ class CloudFrames:
     def read(self, number: int, most: int, seed: int) -> FrameCloud:
         """See FrameSource."""
         points = read_points(self.files[number], "sequence")
+        # Organised clouds mark what the sensor didn't see by NaN or by its own place.
+        points = points[np.isfinite(points).all(axis=1) & points.any(axis=1)]
         return FrameCloud(points[drawn_rows(len(points), most, seed)])
 
 

@@ -98,6 +98,13 @@ def test_clouds_are_counted_as_people_do(tmp_path: Path) -> None:
     assert len(frames.read(1, 7, seed=0).points) == 7
 
 
+def test_what_a_sensor_didnt_see_is_left_out(tmp_path: Path) -> None:
+    points = np.random.default_rng(0).normal(size=(30, 3))
+    blind = np.r_[points, np.full((5, 3), np.nan), np.zeros((4, 3))]
+    np.save(tmp_path / "0.npy", blind)
+    np.testing.assert_array_equal(open_frames(tmp_path).read(0, 100, seed=0).points, points)
+
+
 def test_names_that_are_times_are_the_times(tmp_path: Path) -> None:
     points = np.random.default_rng(0).normal(size=(30, 3))
     for time in ("12.5", "2.25"):
