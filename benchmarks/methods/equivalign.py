@@ -130,7 +130,7 @@ def _of_the_paper_alone(artifact: Artifact) -> EquivAlign:
     return EquivAlign(
         "ours_paper_bilevel",
         Registrar.load("paper_bilevel"),
-        note="encoder trained by the paper's loss and curriculum alone (configs/paper_bilevel.yaml)",
+        note="trained by the paper's loss and curriculum alone (configs/paper_bilevel.yaml)",
     )
 
 
