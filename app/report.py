@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-from html import escape
 from pathlib import Path
 from string import Template
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import plotly.graph_objects as go
-from plotly.offline import get_plotlyjs
 from plotly.subplots import make_subplots
 
 from app.explanation import thinned
 from app.findings import findings, pose_lines
+from app.report_frame import BLUE, ORANGE, figure_html, framed_page, table_rows
 from model import Iteration, RegistrationResult
 from model.cloud_file import complete_file
 
@@ -22,8 +20,7 @@ FloatArray = npt.NDArray[np.float64]
 
 SHOWN_POINTS = 5000
 
-# Blue and orange stay apart for colour-blind readers, on white and on black.
-_SOURCE, _TARGET = "#e08214", "#3b8fd4"
+_SOURCE, _TARGET = ORANGE, BLUE
 _TEMPLATE = Path(__file__).with_name("report.html")
 
 
@@ -58,18 +55,17 @@ def report_page(
     # Far from the origin, as in UTM, the browser's float32 would move the points.
     origin = target.mean(axis=0)
     shown_source, shown_target = thinned(source, SHOWN_POINTS), thinned(target, SHOWN_POINTS)
-    return Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
-        title=escape(title),
-        plotly=get_plotlyjs(),
-        before=_figure(_clouds(shown_source - origin, shown_target - origin), "before"),
-        after=_figure(
+    body = Template(_TEMPLATE.read_text(encoding="utf-8")).substitute(
+        before=figure_html(_clouds(shown_source - origin, shown_target - origin), "before"),
+        after=figure_html(
             _clouds(result.transform(shown_source) - origin, shown_target - origin), "after"
         ),
-        convergence=_figure(_convergence(result.diagnostics.trace), "convergence"),
+        convergence=figure_html(_convergence(result.diagnostics.trace), "convergence"),
         shown=_shown(source, target),
-        pose=_table_rows(pose_lines(result), "<pre>{}</pre>"),
-        findings=_table_rows(findings(result.diagnostics), "{}"),
+        pose=table_rows(pose_lines(result), "<pre>{}</pre>"),
+        findings=table_rows(findings(result.diagnostics), "{}"),
     )
+    return framed_page(title, body)
 
 
 def _shown(source: FloatArray, target: FloatArray) -> str:
@@ -124,25 +120,3 @@ def _convergence(trace: list[Iteration]) -> go.Figure:
     figure.update_xaxes(title_text="iteration", row=len(curves), col=1)
     figure.update_layout(showlegend=False, height=560, margin={"l": 70, "r": 20, "t": 20, "b": 45})
     return figure
-
-
-def _figure(figure: go.Figure, name: str) -> str:
-    figure.update_layout(
-        template="none",
-        paper_bgcolor="rgba(0,0,0,0)",
-        plot_bgcolor="rgba(0,0,0,0)",
-        legend={"orientation": "h", "y": 1.02, "x": 0, "itemsizing": "constant"},
-        modebar={"bgcolor": "rgba(0,0,0,0)", "color": "#808890"},
-    )
-    config: dict[str, Any] = {"responsive": True, "displaylogo": False}
-    html: str = figure.to_html(
-        full_html=False, include_plotlyjs=False, div_id=name, config=config, default_width="100%"
-    )
-    return html
-
-
-def _table_rows(lines: list[tuple[str, str]], cell: str) -> str:
-    return "".join(
-        f"<tr><th>{escape(subject)}</th><td>{cell.format(escape(statement))}</td></tr>"
-        for subject, statement in lines
-    )

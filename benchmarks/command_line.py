@@ -11,6 +11,11 @@ from importlib import import_module
 _BENCHMARKS = {
     "objects": ("benchmarks.objects", "objects_command", "shapes, turned and spoilt by a protocol"),
     "rgbd": ("benchmarks.rgbd", "rgbd_command", "real depth frames of a sequence"),
+    "odometry": (
+        "benchmarks.odometry.command",
+        "odometry_command",
+        "trajectories through depth frames",
+    ),
     "ablations": (
         "benchmarks.ablations.command",
         "ablations_command",

@@ -9,8 +9,9 @@ import torch
 
 from benchmarks.pair import BenchmarkPair, FloatArray, PairEntry, orthonormal
 from model.exceptions import InvalidOptionError
+from model.sequence import RgbdSequence
 from training.data.motion import Motion
-from training.data.rgbd import RgbdSequence, evenly_spread
+from training.data.rgbd import evenly_spread, sampled_cloud
 from training.data.seeding import Stream, derived_seed, torch_generator
 
 # Exactly this angle about an axis anywhere through the source's camera.
@@ -18,7 +19,10 @@ EXTRA_ROTATION_DEG = 10.0
 COLUMNS = {
     "as-is": Motion("exact_angle", 0.0),
     "extra-10": Motion("exact_angle", EXTRA_ROTATION_DEG),
+    "extra-60": Motion("exact_angle", 60.0),
 }
+# The paper's; the third is asked for by name.
+DEFAULT_COLUMNS = ("as-is", "extra-10")
 
 
 def list_frame_pairs(
@@ -151,5 +155,5 @@ class FramePairMaker:
     def _cloud(self, number: int) -> FloatArray:
         if self.points is None:
             return self.sequence.cloud(number, self.max_depth)
-        sample = self.sequence.sampled_cloud(number, self.points, self.seed, self.max_depth)
+        sample = sampled_cloud(self.sequence, number, self.points, self.seed, self.max_depth)
         return sample.double().numpy()

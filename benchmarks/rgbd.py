@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 from benchmarks.contest import contest_progress, hold_contest
@@ -14,12 +13,18 @@ from benchmarks.contest_options import (
     finish_contest,
     names,
 )
-from benchmarks.frame_pairs import COLUMNS, EXTRA_ROTATION_DEG, FramePairMaker, list_frame_pairs
+from benchmarks.frame_pairs import (
+    COLUMNS,
+    DEFAULT_COLUMNS,
+    EXTRA_ROTATION_DEG,
+    FramePairMaker,
+    list_frame_pairs,
+)
 from benchmarks.provenance import Provenance
 from benchmarks.results import open_results
+from benchmarks.sequence_options import add_sequence_options, gap_list, sequence_folders
 from model.exceptions import InvalidOptionError
-from training.data.rgbd import RgbdSequence
-from training.data.rgbd_folder import read_sequence
+from model.sequence import RgbdSequence, read_sequence
 
 
 def rgbd_command(arguments: list[str], command: str) -> int:
@@ -59,56 +64,17 @@ def rgbd_command(arguments: list[str], command: str) -> int:
     return 0
 
 
-def sequence_folders(given: Sequence[Path]) -> list[Path]:
-    """Each folder of a sequence, and the sequences in each other folder.
-
-    Args:
-        given: folders.
-
-    Raises:
-        InvalidOptionError: two sequences have one name.
-    """
-    folders = [found for root in given for found in _sequences_in(root)]
-    named = [folder.name for folder in folders]
-    if len(set(named)) < len(named):
-        raise InvalidOptionError(
-            "two sequences have one name",
-            field="sequence",
-            value=", ".join(sorted({name for name in named if named.count(name) > 1})),
-            mend="give each once, in folders of different names",
-        )
-    return folders
-
-
-def _sequences_in(root: Path) -> list[Path]:
-    inside = sorted(path.parent for path in root.glob("*/calibration.txt"))
-    alone = (root / "calibration.txt").is_file() or not inside
-    return [root] if alone else inside
-
-
 def _parser() -> ArgumentParser:
     parser = ArgumentParser(prog="equivalign benchmark rgbd", description=__doc__)
-    parser.add_argument(
-        "--sequence",
-        type=Path,
-        nargs="+",
-        required=True,
-        metavar="DIR",
-        help="in the layout of ETH3D or TUM, with groundtruth.txt, or a folder of such folders",
-    )
-    parser.add_argument(
-        "--frames",
-        type=_frames,
-        metavar="FIRST-LAST",
-        help="default: all whose poses are known",
-    )
-    parser.add_argument("--gaps", type=_gaps, default=[1, 10, 30], metavar="N,…", help="1,10,30")
+    add_sequence_options(parser)
+    parser.add_argument("--gaps", type=gap_list, default=[1, 10, 30], metavar="N,…", help="1,10,30")
     parser.add_argument(
         "--columns",
         type=names,
-        default=list(COLUMNS),
+        default=list(DEFAULT_COLUMNS),
         metavar="NAMES",
-        help=f"of {', '.join(COLUMNS)} (turned by {EXTRA_ROTATION_DEG:g}° more); default both",
+        help=f"of {', '.join(COLUMNS)} (turned by so many degrees more); default "
+        + ", ".join(DEFAULT_COLUMNS),
     )
     parser.add_argument(
         "--points", type=int, default=1024, help="of each cloud, default 1024; 0 for all"
@@ -119,15 +85,6 @@ def _parser() -> ArgumentParser:
     )
     add_contest_options(parser)
     return parser
-
-
-def _frames(text: str) -> range:
-    first, _, last = text.partition("-")
-    return range(int(first), int(last or first) + 1)
-
-
-def _gaps(text: str) -> list[int]:
-    return [int(gap) for gap in text.split(",")]
 
 
 def _settings(given: Namespace, sequences: Sequence[RgbdSequence]) -> dict[str, Any]:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from model.exceptions import InvalidOptionError
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -70,3 +73,19 @@ def extent(centred: FloatArray) -> float:
     if median == 0.0:
         return float(radius.max())
     return float(min(radius.max(), REACH_OF_MEDIAN * median))
+
+
+def as_unit(unit: float) -> float:
+    """Check the length of a frame's unit.
+
+    Raises:
+        InvalidOptionError: not a positive, finite length.
+    """
+    if not math.isfinite(unit) or unit <= 0.0:
+        raise InvalidOptionError(
+            "not a positive length",
+            field="unit",
+            value=unit,
+            mend="give about the clouds' radius, or leave it out",
+        )
+    return float(unit)

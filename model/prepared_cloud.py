@@ -44,6 +44,7 @@ class PreparedCloud:
         most: int,
         most_dense: int,
         seed: int,
+        weights: FloatArray | None = None,
     ) -> PreparedCloud:
         """Reduce, fit normals, encode.
 
@@ -54,13 +55,14 @@ class PreparedCloud:
             most: points for the search.
             most_dense: points for the last stage.
             seed: chooses among the points.
+            weights: (N,) what each point counts in the surface kernel; 1 when left out.
         """
         note = ""
         if len(points) > most_dense:
             given = len(points)
-            points, labels, _ = voxel_means(points, labels, most_dense)
+            points, labels, weights = _reduced(points, labels, weights, most_dense)
             note = f"{given:,} points reduced to {len(points):,} means of voxels"
-        dense = SurfaceCloud.of(points, labels=labels)
+        dense = SurfaceCloud.of(points, labels=labels, weights=weights)
         chosen = scattered_subset(points, most, seed)
         function = _encoded(points[chosen], labels, chosen, encode)
         features = function.features[0].numpy()
@@ -77,6 +79,19 @@ class PreparedCloud:
         arrays: list[npt.NDArray[Any]] = [*self.dense.arrays, *self.sparse.arrays]
         tensors = self.function.points.nbytes + self.function.features.nbytes
         return int(sum(array.nbytes for array in arrays) + tensors)
+
+
+def _reduced(
+    points: FloatArray, labels: FloatArray | None, weights: FloatArray | None, most: int
+) -> tuple[FloatArray, FloatArray | None, FloatArray | None]:
+    """Means of voxels, of the labels and the weights, too."""
+    if weights is None:
+        means, traits, _ = voxel_means(points, labels, most)
+        return means, traits, None
+    columns = weights[:, None] if labels is None else np.c_[weights, labels]
+    means, both, _ = voxel_means(points, columns, most)
+    assert both is not None
+    return means, None if labels is None else both[:, 1:], both[:, 0]
 
 
 def _encoded(

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
+import torch
 from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
@@ -21,6 +22,7 @@ from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
+from model.se3 import rotation_angle
 from model.search import (
     Candidates,
     Start,
@@ -68,7 +70,7 @@ class Registrar:
 
     def register(
         self,
-        source: npt.ArrayLike,
+        source: npt.ArrayLike | PreparedTarget,
         target: npt.ArrayLike | PreparedTarget,
         initial: npt.ArrayLike | None = None,
         max_rotation_deg: float = 180.0,
@@ -83,7 +85,7 @@ class Registrar:
         """Find the pose that moves the source onto the target.
 
         Args:
-            source: (M, 3), any unit.
+            source: (M, 3), any unit; or one that ``prepare`` made ready in the target's unit.
             target: (N, 3), the same unit; or one that ``prepare`` made ready.
             initial: (4, 4) guess of T_target_source; the search is around it.
             max_rotation_deg: how far from the guess (or from no rotation) the answer may turn.
@@ -158,6 +160,8 @@ class Registrar:
         target: npt.ArrayLike,
         labels: npt.ArrayLike | None = None,
         seed: int = 0,
+        weights: npt.ArrayLike | None = None,
+        unit: float | None = None,
     ) -> PreparedTarget:
         """Encode a target once for many sources.
 
@@ -169,12 +173,21 @@ class Registrar:
             target: (N, 3).
             labels: (N, L), or None.
             seed: chooses among its points.
+            weights: (N,) what each point counts in the last stage, as by its sensor's noise.
+            unit: length of the frame's unit in place of the target's own extent. Two clouds that
+                were prepared in one unit can be the source and the target of each other.
 
         Raises:
-            InvalidCloudError: a cloud that has no pose.
+            InvalidCloudError: a cloud that has no pose, or labels or weights that don't fit.
+            InvalidOptionError: the unit isn't a positive length.
         """
         return PreparedTarget.of(
-            target, labels, self._prepare_with(self.artifact.settings.points), seed
+            target,
+            labels,
+            self._prepare_with(self.artifact.settings.points),
+            seed,
+            weights,
+            unit,
         )
 
     def register_many(
@@ -200,8 +213,10 @@ class Registrar:
     def _prepare_with(self, most: int) -> Prepare:
         dense = self.artifact.settings.dense_points
 
-        def prepare(points: FloatArray, labels: FloatArray | None, seed: int) -> PreparedCloud:
-            return PreparedCloud.of(points, labels, self._features, most, dense, seed)
+        def prepare(
+            points: FloatArray, labels: FloatArray | None, weights: FloatArray | None, seed: int
+        ) -> PreparedCloud:
+            return PreparedCloud.of(points, labels, self._features, most, dense, seed, weights)
 
         return prepare
 
@@ -286,7 +301,7 @@ class Registrar:
         solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
         poses = [found.T_target_source for found in solved]
-        if guess is not None:
+        if guess is not None and not self._is_among(guess.numpy(), poses, pair):
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
@@ -295,6 +310,19 @@ class Registrar:
         if best < len(solved):
             return solved[best]
         return stage.solve(pair.target, pair.source, poses[best], always)
+
+    def _is_among(self, T: FloatArray, poses: Sequence[FloatArray], pair: Pair) -> bool:
+        """Whether a pose (4, 4) is one of others before its last steps.
+
+        The judge tells basins apart, not a pose from the one that the last stage made of it.
+        """
+        settings = self.artifact.settings.search
+        every = torch.from_numpy(np.stack([T, *poses])).float()
+        angles = rotation_angle(every[1:, :3, :3], every[:1, :3, :3]).rad2deg()
+        apart = (every[1:, :3, 3] - every[0, :3, 3]).norm(dim=-1)
+        reach = settings.merge_distance * pair.sparse_spacing
+        near = (angles < settings.merge_angle_deg) & (apart < reach)
+        return bool(near.any())
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

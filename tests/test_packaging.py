@@ -42,6 +42,8 @@ def test_the_wheel_holds_what_serving_needs(wheel: zipfile.ZipFile) -> None:
     names = set(wheel.namelist())
     assert {
         "app/report.html",
+        "app/report_frame.html",
+        "app/odometry/report.html",
         "app/page_files/index.html",
         "app/page_files/examples.json",
         "app/page_files/example-part-source.ply",

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from depth_sequence import write_sequence
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -111,6 +112,7 @@ def test_every_command_is_tested_here() -> None:
         *those("make"),
         *those("equivalign", "register"),
         *those("equivalign", "batch"),
+        *those("equivalign", "odometry"),
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
         *those("equivalign", "export"),
@@ -143,6 +145,15 @@ def test_batch(workplace: Path) -> None:
         said = run([*batch, "--engine=processes"], workplace)
         assert f"1, {finished} finished before" in said
     assert list((workplace / "results").glob("part-*.parquet"))
+
+
+def test_odometry(workplace: Path) -> None:
+    write_sequence(workplace / "my" / "sequence", frames=3)
+    (follow,) = those("equivalign", "odometry")
+    assert "ATE" in run(follow, workplace)
+    assert len(np.loadtxt(workplace / "trajectory.txt")) == 3
+    assert (workplace / "map.ply").is_file()
+    assert (workplace / "odometry.html").is_file()
 
 
 def test_python(workplace: Path) -> None:

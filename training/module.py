@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, Literal
 
 import torch
 from lightning import LightningModule
@@ -11,11 +11,11 @@ from lightning.pytorch.utilities.types import OptimizerLRScheduler
 from torch import Tensor
 
 from model.cloud_function import CloudFunction, pair_mask
-from model.encoder import build_encoder
 from model.kernel import RkhsKernel
 from model.se3 import axis_angle_rotation, pose_matrix
 from training.alarms import warn_of_collapse
 from training.answers import PairAnswer
+from training.beginning import Beginning
 from training.bilevel import BilevelSolver, InnerSolution
 from training.curriculum import Curriculum, Stage
 from training.data.pairs import PairBatch
@@ -45,6 +45,10 @@ class EquivAlign(LightningModule):
         gate_confidence: weigh made pairs, too, by the solver's own ρ in losses that use only ĥ;
             real pairs always are.
         inner_steps: outer steps on each batch, when ``backward`` is ``detached_step``.
+        initial: artifact whose encoder, with its weights and kernel, the training continues from;
+            ``default`` is the shipped one. The encoder's own arguments are then left out.
+        start: pose that the inner loop starts from: ``identity``, or the one that the data give,
+            ``given``, where that is a solver's own answer.
         seed: of the losses' random draws.
     """
 
@@ -62,12 +66,16 @@ class EquivAlign(LightningModule):
         gate_confidence: bool = False,
         inner_steps: int = 20,
         seed: int = 0,
+        initial: str | None = None,
+        start: Literal["identity", "given"] = "identity",
     ) -> None:
         super().__init__()
-        self.encoder_name = encoder
-        self.architecture = dict(architecture or {})
-        self.encoder = build_encoder(encoder, **self.architecture)
-        self.kernel = RkhsKernel(kernel)
+        begin = Beginning.of(encoder, architecture or {}, kernel, initial)
+        self.encoder_name = begin.encoder_name
+        self.architecture = begin.architecture
+        self.encoder = begin.encoder
+        self.kernel = RkhsKernel(begin.kernel)
+        self.start = start
         self.outer_loss = OuterLoss(loss or {"rkhs_distance": 1.0}, loss_settings)
         self.bilevel = bilevel or BilevelSolver()
         self.curriculum = Curriculum(curriculum or [Stage(max_angle=45.0)])
@@ -110,10 +118,16 @@ class EquivAlign(LightningModule):
     def solve(
         self, target: CloudFunction, source: CloudFunction, batch: PairBatch
     ) -> InnerSolution | None:
-        """From no motion: the initial error is what the curriculum put between the clouds."""
+        """From no motion: the initial error is what the curriculum put between the clouds.
+
+        Or from the pose that the data give, which has to be a solver's own answer.
+        """
         if not self.outer_loss.needs_solution:
             return None
-        start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
+        if self.start == "given":
+            start = batch.T_target_source
+        else:
+            start = torch.eye(4, device=self.device).repeat(len(batch.target), 1, 1)
         return self.bilevel.solve(self.kernel, target, source, start, self.curriculum.stage)
 
     def alignment(

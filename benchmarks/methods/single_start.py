@@ -69,8 +69,12 @@ class SingleStart:
 
     def register(self, source: FloatArray, target: FloatArray, seed: int) -> Answer:
         """See Method.register; it draws nothing at random."""
+        return self.register_from(source, target, centroids_together(source, target))
+
+    def register_from(self, source: FloatArray, target: FloatArray, T: FloatArray) -> Answer:
+        """From another start, T_target_source (4, 4)."""
         frame = JointFrame.of(target, source)
-        T_start = frame.pose_in(centroids_together(source, target))
+        T_start = frame.pose_in(T)
         with torch.no_grad():
             solution = self.loop.solve(
                 self.kernel,

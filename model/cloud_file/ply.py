@@ -67,13 +67,26 @@ def _parse_ply_header(head: str) -> tuple[str, list[tuple[str, Records]]]:
     return order or "", elements
 
 
-def ply_document(points: FloatArray) -> bytes:
-    """Points (N, 3) as a binary PLY file with every digit of float64."""
+def ply_document(points: FloatArray, colours: FloatArray | None = None) -> bytes:
+    """Points (N, 3) as a binary PLY file with every digit of float64.
+
+    Args:
+        points: (N, 3).
+        colours: (N, 3) from 0 to 1, stored as bytes; or None.
+    """
+    shades = [] if colours is None else [f"property uchar {c}" for c in ("red", "green", "blue")]
     header = [
         "ply",
         "format binary_little_endian 1.0",
         f"element vertex {len(points)}",
         *(f"property double {axis}" for axis in "xyz"),
+        *shades,
         "end_header",
     ]
-    return "\n".join([*header, ""]).encode() + points.astype("<f8").tobytes()
+    head = "\n".join([*header, ""]).encode()
+    if colours is None:
+        return head + points.astype("<f8").tobytes()
+    rows = np.empty(len(points), dtype=[("point", "<f8", 3), ("colour", "u1", 3)])
+    rows["point"] = points
+    rows["colour"] = np.round(255.0 * np.clip(colours, 0.0, 1.0)).astype(np.uint8)
+    return head + rows.tobytes()

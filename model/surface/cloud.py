@@ -15,6 +15,7 @@ from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
 
 _NEIGHBOURS = 6
+_REMEMBERED = 16
 
 Value = TypeVar("Value")
 
@@ -97,11 +98,23 @@ class SurfaceCloud:
         return self.remembered(("neighbours", reach), neighbours)
 
     def remembered(self, key: Hashable, make: Callable[[], Value]) -> Value:
-        """What was made for this key, or is made now; the cloud itself doesn't change."""
-        if key not in self._known:
-            self._known[key] = make()
-        value: Value = self._known[key]
+        """What was made for this key, or is made now; the cloud itself doesn't change.
+
+        The latest few are kept: ℓ follows the pair, so a cloud that serves many pairs is asked for
+        ever new views.
+        """
+        known = self._known.get(key)
+        if known is None:
+            known = self._known[key] = make()
+            # Other threads may ask meanwhile; a copy of the keys doesn't change.
+            for old in list(self._known)[:-_REMEMBERED]:
+                self._known.pop(old, None)
+        value: Value = known
         return value
+
+    def forget(self) -> None:
+        """Give back the memory of what is made again when it is asked for."""
+        self._known.clear()
 
     def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
         """Some of its points, with the normals they have among all."""

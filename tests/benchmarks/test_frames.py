@@ -12,11 +12,10 @@ from benchmarks.command_line import benchmark_command
 from benchmarks.frame_pairs import FramePairMaker, list_frame_pairs
 from benchmarks.pose_error import PoseError
 from benchmarks.results import read_results
-from benchmarks.rgbd import sequence_folders
+from benchmarks.sequence_options import sequence_folders
 from benchmarks.summary import Summary, cells, rows_by_method
 from model.exceptions import InvalidOptionError
-from training.data.rgbd import Camera
-from training.data.rgbd_folder import read_sequence
+from model.sequence import Camera, read_sequence
 
 WIDTH, HEIGHT = 120, 90
 CAMERA = Camera(105.0, 105.0, 59.5, 44.5)

@@ -1,4 +1,4 @@
-"""What tests of the training share: solids.py and depth_sequence.py lie beside this file."""
+"""What tests of the training share; solids.py lies beside this file."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ def stand_ins(tmp_path: Path, shapes: ProceduralShapes, monkeypatch: pytest.Monk
         write_off(tmp_path / "data" / "ModelNet40" / name, vertices * (1 + 0.1 * number), faces)
     for name in SEQUENCES:
         write_sequence(tmp_path / "data" / "eth3d" / name, frames=9)
+    write_sequence(tmp_path / "data" / "sequence", frames=9, poses=False)
     (tmp_path / "data" / "objects").mkdir(parents=True)
     for name in ("furniture", "modelnet10"):
         write_packed(tmp_path / "data" / "objects" / f"{name}.npz", archive_of(shapes))

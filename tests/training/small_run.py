@@ -34,6 +34,8 @@ def small(config: Path) -> list[str]:
             arguments += [f"--data.perturbation.{cloud}", "[80, 100]"]
     if "points" in data:
         arguments += ["--data.points", "100"]
+    if "root" in data:
+        arguments += ["--data.gaps", "[1, 2]"]
     if "parts" in data:
         arguments += ["--data.parts", json.dumps([_smaller(part) for part in data["parts"]])]
     return arguments

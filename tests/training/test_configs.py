@@ -19,7 +19,14 @@ def read(name: str) -> dict:
 
 
 def test_the_promised_configurations_are_there():
-    promised = {"paper_modelnet40", "paper_eth3d", "objects", "own_clouds", "quickstart"}
+    promised = {
+        "paper_modelnet40",
+        "paper_eth3d",
+        "objects",
+        "own_clouds",
+        "quickstart",
+        "adapt_rgbd",
+    }
     assert promised <= set(NAMES)
 
 

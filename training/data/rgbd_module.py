@@ -12,11 +12,12 @@ from torch import Tensor
 from torch.utils.data import Dataset
 
 from model.exceptions import InvalidOptionError
+from model.labels import colour_labels
+from model.sequence import RgbdSequence, read_sequence
 from training.data.module import STREAM, PairDataModule, Subset
 from training.data.motion import Motion
 from training.data.pairs import PairKey, RegistrationPair
-from training.data.rgbd import RgbdSequence, evenly_spread, frame_pairs
-from training.data.rgbd_folder import read_sequence
+from training.data.rgbd import evenly_spread, frame_pairs, sampled_cloud, sampled_colours
 from training.data.seeding import Stream, torch_generator
 
 # The paper's: on top of the camera's own motion.
@@ -91,12 +92,12 @@ class FramePairs(Dataset[RegistrationPair]):
         T = sequence.relative_pose(target, source)
         sampling = (self.points, self.seed, self.max_depth)
         labels = [
-            colour_labels(sequence.sampled_colours(number, *sampling)) if self.colour else None
+            _labels(sampled_colours(sequence, number, *sampling)) if self.colour else None
             for number in (target, source)
         ]
         return RegistrationPair(
-            sequence.sampled_cloud(target, *sampling),
-            sequence.sampled_cloud(source, *sampling),
+            sampled_cloud(sequence, target, *sampling),
+            sampled_cloud(sequence, source, *sampling),
             torch.from_numpy(np.full((4, 4), np.nan) if T is None else T).float(),
             False,
             f"{sequence.name}/{target}-{source}",
@@ -113,13 +114,8 @@ class FramePairs(Dataset[RegistrationPair]):
         return int(torch.randperm(len(self.pairs), generator=generator)[place])
 
 
-def colour_labels(colours: Tensor) -> Tensor:
-    """L(x) of colours (N, 3) from 0 to 1, (N, 4) of unit length.
-
-    ⟨l, l'⟩ is 1 for equal colours, 1/7 for black and white, and never negative.
-    """
-    centred = torch.cat([torch.ones(len(colours), 1), colours - 0.5], 1)
-    return torch.nn.functional.normalize(centred, dim=1)
+def _labels(colours: Tensor) -> Tensor:
+    return torch.from_numpy(colour_labels(colours.numpy())).float()
 
 
 class RgbdData(PairDataModule):

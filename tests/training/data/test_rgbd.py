@@ -15,12 +15,13 @@ from model.exceptions import (
     TooFewPointsError,
     UnreadableFileError,
 )
+from model.labels import colour_labels
 from model.se3 import rotation_angle
+from model.sequence import read_sequence
 from training.data.motion import Motion
 from training.data.pairs import PairKey
-from training.data.rgbd import evenly_spread, frame_pairs
-from training.data.rgbd_folder import read_sequence
-from training.data.rgbd_module import RgbdData, colour_labels
+from training.data.rgbd import evenly_spread, frame_pairs, sampled_cloud, sampled_colours
+from training.data.rgbd_module import RgbdData
 
 
 @pytest.fixture
@@ -69,10 +70,10 @@ def test_the_relative_pose_lays_the_source_on_the_target(sequence: Path) -> None
 
 def test_sampled_points_are_far_apart_and_the_same_every_time(sequence: Path) -> None:
     room = read_sequence(sequence)
-    points = room.sampled_cloud(0, 200, seed=0)
+    points = sampled_cloud(room, 0, 200, seed=0)
     assert points.shape == (200, 3)
-    assert torch.equal(points, read_sequence(sequence).sampled_cloud(0, 200, seed=0))
-    assert not torch.equal(points, room.sampled_cloud(0, 200, seed=1))
+    assert torch.equal(points, sampled_cloud(read_sequence(sequence), 0, 200, seed=0))
+    assert not torch.equal(points, sampled_cloud(room, 0, 200, seed=1))
     distance, _ = KDTree(room.cloud(0)).query(points.numpy())
     assert distance.max() < 1e-6
     spacing = torch.cdist(points, points).fill_diagonal_(torch.inf).amin(1)
@@ -80,7 +81,7 @@ def test_sampled_points_are_far_apart_and_the_same_every_time(sequence: Path) ->
     chance = torch.from_numpy(room.cloud(0)[rows]).float()
     assert spacing.min() > 5 * torch.cdist(chance, chance).fill_diagonal_(torch.inf).amin(1).min()
     with pytest.raises(TooFewPointsError, match=r"0\.png"):
-        room.sampled_cloud(0, WIDTH * HEIGHT + 1, seed=0)
+        sampled_cloud(room, 0, WIDTH * HEIGHT + 1, seed=0)
 
 
 def test_pairs_are_a_gap_apart_and_evenly_spread() -> None:
@@ -128,7 +129,7 @@ def test_colours_come_along_as_labels_of_the_same_points(sequence: Path) -> None
         listed.append(f"{0.1 * i + 0.004:.6f} rgb/{i}.png")
     (sequence / "rgb.txt").write_text("# timestamp filename\n" + "\n".join(listed) + "\n")
     room = read_sequence(sequence)
-    points, colours = room.sampled_cloud(2, 200, seed=0), room.sampled_colours(2, 200, seed=0)
+    points, colours = sampled_cloud(room, 2, 200, seed=0), sampled_colours(room, 2, 200, seed=0)
     column = CAMERA.fx * points[:, 0] / points[:, 2] + CAMERA.cx
     row = CAMERA.fy * points[:, 1] / points[:, 2] + CAMERA.cy
     torch.testing.assert_close(255 * colours[:, 0], column, rtol=0, atol=1e-2)
@@ -138,9 +139,8 @@ def test_colours_come_along_as_labels_of_the_same_points(sequence: Path) -> None
     assert batch.target_labels is not None
     assert batch.target_labels.shape == (2, 200, 4)
     assert next(iter(data(sequence).train_dataloader())).target_labels is None
-    colours = torch.tensor([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]])
-    products = colour_labels(colours) @ colour_labels(colours).T
-    torch.testing.assert_close(products, torch.tensor([[1.0, 1 / 7], [1 / 7, 1.0]]))
+    labels = colour_labels(np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]))
+    assert np.allclose(labels @ labels.T, [[1.0, 1 / 7], [1 / 7, 1.0]])
 
 
 def test_an_epoch_takes_every_pair_once_in_its_own_order(sequence: Path) -> None:

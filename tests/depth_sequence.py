@@ -8,7 +8,7 @@ import numpy as np
 import open3d
 from scipy.spatial.transform import Rotation
 
-from training.data.rgbd import Camera
+from model.sequence import Camera
 
 # The paper's, as configs/ names them.
 SEQUENCES = (

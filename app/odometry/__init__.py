@@ -1,0 +1,1 @@
+"""Odometry on the command line: options, files, report."""

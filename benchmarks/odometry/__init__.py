@@ -1,0 +1,1 @@
+"""Odometry: trajectories of many methods on the same clouds, and pairs of distant frames."""
