@@ -22,6 +22,8 @@ from model import Diagnostics, RegistrationResult
 FloatArray = npt.NDArray[np.float64]
 
 _NPZ = "application/x-npz"
+# A full queue; an instance that begins, ends or has died. Registering again does no harm.
+_WORTH_A_RETRY = (httpx2.codes.TOO_MANY_REQUESTS, httpx2.codes.SERVICE_UNAVAILABLE)
 _DIAGNOSTICS = TypeAdapter(Diagnostics)
 
 
@@ -58,7 +60,8 @@ class Client:
     Args:
         address: ``http://host:port``.
         api_key: the operator's, where the service asks for one.
-        patience: seconds to wait for room in a full queue before giving up.
+        patience: seconds to wait for room in a full queue, or for an instance that is ready,
+            before giving up.
         timeout: seconds to wait for an answer.
         transport: another way to reach the service, for tests.
     """
@@ -205,7 +208,7 @@ class Client:
         headers: Mapping[str, str] | None = None,
         **parts: Any,
     ) -> httpx2.Response:
-        """Send, and again while the queue is full and patience lasts."""
+        """Send, and again while the service says that it's worth it and patience lasts."""
         kind = {} if content is None else {"Content-Type": _NPZ}
         sent = {**kind, **(headers or {})}
         end = time.monotonic() + self._patience
@@ -213,10 +216,8 @@ class Client:
             answer = self._http.request(method, path, content=content, headers=sent, **parts)
             if answer.is_success:
                 return answer
-            wait = float(answer.headers.get("Retry-After", "1"))
-            if answer.status_code != httpx2.codes.TOO_MANY_REQUESTS or (
-                time.monotonic() + wait > end
-            ):
+            wait = float(answer.headers.get("Retry-After", "inf"))
+            if answer.status_code not in _WORTH_A_RETRY or time.monotonic() + wait > end:
                 raise ServiceError(Problem.model_validate_json(answer.content))
             time.sleep(wait)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable
 
 import structlog
@@ -27,6 +28,7 @@ class Readiness:
         self._registrar: Registrar | None = None
         self._failure: str | None = None
         self._draining = False
+        self._settled = asyncio.Event()
 
     @property
     def registrar(self) -> Registrar:
@@ -42,9 +44,7 @@ class Readiness:
                 mend="send the request again: another instance may take it",
             )
         if self._failure is not None:
-            raise NotReadyError(
-                f"the artifact can't be used: {self._failure}", mend="the operator has to mend it"
-            )
+            raise self._unusable()
         if self._registrar is None:
             raise NotReadyError("the artifact is being loaded", mend="try again in some seconds")
         return self._registrar
@@ -71,6 +71,23 @@ class Readiness:
             _log.exception("not ready")
         else:
             _log.info("ready")
+        finally:
+            self._settled.set()
+
+    async def settled(self) -> None:
+        """Wait until the registrar is loaded and warmed.
+
+        Raises:
+            NotReadyError: it can't be.
+        """
+        await self._settled.wait()
+        if self._failure is not None:
+            raise self._unusable()
+
+    def _unusable(self) -> NotReadyError:
+        return NotReadyError(
+            f"the artifact can't be used: {self._failure}", mend="the operator has to mend it"
+        )
 
     def _load_and_warm_up(self) -> Registrar:
         registrar = self._load()

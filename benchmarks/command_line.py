@@ -30,6 +30,7 @@ _BENCHMARKS = {
     "training": ("benchmarks.training_step", "training_command", "pairs a second of a training"),
     "check": ("benchmarks.self_check", "check_command", "that the scoring has teeth"),
     "service": ("benchmarks.service", "service_command", "HTTP's share, load, a stop in mid-load"),
+    "scaling": ("benchmarks.scaling", "scaling_command", "a batch on one worker and on several"),
     "report": ("benchmarks.report", "report_command", "Markdown from results files"),
 }
 

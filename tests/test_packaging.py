@@ -104,8 +104,9 @@ def test_the_image_is_pinned_unprivileged_and_watched() -> None:
 
 
 @pytest.mark.skipif(HADOLINT is None, reason="hadolint isn't installed")
-def test_the_dockerfile_is_clean() -> None:
-    done = subprocess.run([str(HADOLINT), "Dockerfile"], cwd=ROOT, capture_output=True, text=True)
+@pytest.mark.parametrize("path", ["Dockerfile", "deploy/ray.Dockerfile"])
+def test_the_dockerfiles_are_clean(path: str) -> None:
+    done = subprocess.run([str(HADOLINT), path], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stdout
 
 

@@ -111,6 +111,7 @@ def test_every_command_is_tested_here() -> None:
     tested = [
         *those("make"),
         *those("equivalign", "register"),
+        *those("equivalign", "batch"),
         *those("equivalign", "odometry"),
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
@@ -138,6 +139,12 @@ def test_register_on_the_command_line(workplace: Path) -> None:
     assert np.shape(json.loads(said[1])["T_target_source"]) == (4, 4)
 
 
+def test_batch(workplace: Path) -> None:
+    (batch,) = those("equivalign", "batch")
+    for finished in ("0", "1"):
+        said = run([*batch, "--engine=processes"], workplace)
+        assert f"1, {finished} finished before" in said
+    assert list((workplace / "results").glob("part-*.parquet"))
 def test_odometry(workplace: Path) -> None:
     write_sequence(workplace / "my" / "sequence", frames=3)
     (follow,) = those("equivalign", "odometry")

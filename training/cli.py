@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,17 @@ from training.module import EquivAlign
 
 
 class TrainingCLI(LightningCLI):
-    """The command line of the training."""
+    """The command line of the training.
+
+    Args:
+        args: of LightningCLI.
+        trainer: arguments of the Trainer that no configuration may change.
+        kwargs: of LightningCLI.
+    """
+
+    def __init__(self, *args: Any, trainer: Mapping[str, Any] | None = None, **kwargs: Any) -> None:
+        self._given_trainer = dict(trainer or {})
+        super().__init__(*args, **kwargs)
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """Callbacks every run has; a configuration may change their arguments."""
@@ -88,17 +98,18 @@ class TrainingCLI(LightningCLI):
         if not self.model.automatic_optimization:
             self.model.gradient_clip = given.gradient_clip_val
             kwargs["gradient_clip_val"] = None
-        return super().instantiate_trainer(**kwargs)
+        return super().instantiate_trainer(**kwargs | self._given_trainer)
 
 
-def run(subcommand: str, argv: list[str]) -> int:
+def run(subcommand: str, argv: list[str], trainer: Mapping[str, Any] | None = None) -> int:
     """Run one subcommand of the LightningCLI.
 
     Args:
         subcommand: ``fit``, ``validate``, ``test`` or ``predict``.
         argv: what follows it on the command line.
+        trainer: arguments of the Trainer that no configuration may change.
     """
-    _parsed([subcommand, *argv], run=True)
+    _parsed([subcommand, *argv], run=True, trainer=trainer)
     return 0
 
 
@@ -112,7 +123,7 @@ def build(argv: list[str]) -> tuple[EquivAlign, PairDataModule]:
     return cli.model, cli.datamodule
 
 
-def _parsed(argv: list[str], run: bool) -> TrainingCLI:
+def _parsed(argv: list[str], run: bool, trainer: Mapping[str, Any] | None = None) -> TrainingCLI:
     # LightningCLI expects to be the program itself; here it is one command of it.
     warnings.filterwarnings("ignore", message="LightningCLI's args parameter")
     # Lightning's own calls; nothing a user could mend.
@@ -129,6 +140,7 @@ def _parsed(argv: list[str], run: bool) -> TrainingCLI:
         save_config_kwargs={"overwrite": True},
         args=argv,
         run=run,
+        trainer=trainer,
     )
 
 

@@ -65,7 +65,7 @@ class SurfaceLoop:
     growth_across: float = 2.2
     least: float = 0.1
     least_across: float = 0.08
-    tolerance: float = 1e-6
+    tolerance: float = 1e-5
 
     def solve(
         self, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, stop: Stop

@@ -26,6 +26,15 @@ XYZ = b"0 0 0\n1 0 0\n0 2 0\n0 0 3\n1 1 1\n"
 ROWS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3], [1, 1, 1]], float)
 # The service under test accepts no more than this, so that too much stays small.
 MOST_BODY, MOST_JSON, MOST_UNPACKED, MOST_POINTS, MOST_PAIRS = 200_000, 100_000, 400_000, 2_000, 4
+SMALL = {
+    "workers": 1,
+    "queue": 0,
+    "max_body_bytes": MOST_BODY,
+    "max_json_bytes": MOST_JSON,
+    "max_unpacked_bytes": MOST_UNPACKED,
+    "max_points": MOST_POINTS,
+    "max_batch": MOST_PAIRS,
+}
 
 
 @dataclass(frozen=True, slots=True)

@@ -59,13 +59,34 @@ class KillAt(Callback):
             os.kill(os.getpid(), signal.SIGKILL)
 
 
-def run_in_another_process(*arguments: str) -> subprocess.CompletedProcess[str]:
+class KillOneOnce(Callback):
+    """Ends the process of one rank at a step, the first time that it comes there.
+
+    Args:
+        step: optimiser steps until then.
+        rank: whose process.
+        mark: a file that tells that it has happened.
+    """
+
+    def __init__(self, step: int, rank: int, mark: str) -> None:
+        self.step, self.rank, self.mark = step, rank, Path(mark)
+
+    def on_train_batch_end(self, trainer: Trainer, *_: Any) -> None:
+        here = trainer.global_step == self.step and trainer.global_rank == self.rank
+        if here and not self.mark.exists():
+            self.mark.write_text(str(os.getpid()))
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def run_in_another_process(
+    *arguments: str, start: tuple[str, ...] = ("-m", "training")
+) -> subprocess.CompletedProcess[str]:
     """``python -m training …``, which finds this file's callbacks."""
     root, here = CONFIGS.parent, Path(__file__).parent
     paths = os.pathsep.join([str(root), str(here)])
     environment = {**os.environ, "PYTHONPATH": paths, "OMP_NUM_THREADS": "1"}
     return subprocess.run(
-        [sys.executable, "-m", "training", *arguments],
+        [sys.executable, *start, *arguments],
         env=environment,
         capture_output=True,
         text=True,

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
 import csv
+import socket
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -30,6 +32,25 @@ def metrics(root: Path) -> dict[str, float]:
     with path.open() as stream:
         rows = [row for row in csv.DictReader(stream) if row.get("val/score")]
     return {name: float(value) for name, value in rows[-1].items() if name.startswith("val/")}
+
+
+@QUIET
+def test_two_nodes_under_torchrun_get_what_one_process_gets(tmp_path: Path):
+    """As on two machines: each starts its own process, and they meet at an address."""
+    assert fit(arguments(tmp_path / "one", 1)) == 0
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        meeting = f"127.0.0.1:{probe.getsockname()[1]}"
+    start = ("-m", "torch.distributed.run", "--nnodes", "2", "--nproc-per-node", "1")
+    start += ("--rdzv-backend", "c10d", "--rdzv-endpoint", meeting, "-m", "training")
+    given = ("fit", *arguments(tmp_path / "two", 2), "--trainer.num_nodes", "2")
+    given += ("--trainer.devices", "1", "--trainer.strategy", "ddp")
+    with ThreadPoolExecutor(2) as machines:
+        nodes = [machines.submit(run_in_another_process, *given, start=start) for _ in range(2)]
+        answers = [node.result() for node in nodes]
+    for answer in answers:
+        assert answer.returncode == 0, answer.stderr
+    assert metrics(tmp_path / "two") == pytest.approx(metrics(tmp_path / "one"), rel=1e-3, abs=1e-4)
 
 
 @QUIET
