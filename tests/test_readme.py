@@ -145,6 +145,8 @@ def test_batch(workplace: Path) -> None:
         said = run([*batch, "--engine=processes"], workplace)
         assert f"1, {finished} finished before" in said
     assert list((workplace / "results").glob("part-*.parquet"))
+
+
 def test_odometry(workplace: Path) -> None:
     write_sequence(workplace / "my" / "sequence", frames=3)
     (follow,) = those("equivalign", "odometry")
