@@ -22,7 +22,14 @@ _OTHERS = {
     "fgr": ("benchmarks.methods.fpfh", "FpfhFgr"),
     "kiss_matcher": ("benchmarks.methods.kiss_matcher", "KissMatcher"),
 }
-OUR_NAMES = ("ours", "ours_procrustes", "ours_gradient", "ours_no_features", "ours_random_encoder")
+OUR_NAMES = (
+    "ours",
+    "ours_procrustes",
+    "ours_gradient",
+    "ours_no_features",
+    "ours_random_encoder",
+    "ours_paper_bilevel",
+)
 # Packages that only one method needs, and that nobody has to install.
 _OPTIONAL = {"small_gicp", "kiss_matcher"}
 

@@ -126,10 +126,19 @@ def _with_random_encoder(artifact: Artifact) -> EquivAlign:
     )
 
 
+def _of_the_paper_alone(artifact: Artifact) -> EquivAlign:
+    return EquivAlign(
+        "ours_paper_bilevel",
+        Registrar.load("paper_bilevel"),
+        note="trained by the paper's loss and curriculum alone (configs/paper_bilevel.yaml)",
+    )
+
+
 VARIANTS: dict[str, Callable[[Artifact], EquivAlign]] = {
     "ours": _as_shipped,
     "ours_procrustes": _with_procrustes_loop,
     "ours_gradient": _with_gradient_loop,
     "ours_no_features": _without_features,
     "ours_random_encoder": _with_random_encoder,
+    "ours_paper_bilevel": _of_the_paper_alone,
 }
