@@ -137,7 +137,7 @@ class KeepIfBetter(Callback):
         points: of each cloud.
     """
 
-    def __init__(self, gap: int = 30, triples: int = 24, points: int = 1024) -> None:
+    def __init__(self, gap: int = 45, triples: int = 30, points: int = 1024) -> None:
         self.gap = gap
         self.triples = triples
         self.points = points
