@@ -121,7 +121,7 @@ def service(artifact: Path) -> Iterator[str]:
 
 def wait_until_ready(address: str, process: subprocess.Popen[bytes]) -> None:
     """Poll ``/readyz``."""
-    for _ in range(600):
+    for _ in range(1800):
         try:
             urllib.request.urlopen(f"{address}/readyz", timeout=5).close()
         except (urllib.error.URLError, ConnectionError):

@@ -94,7 +94,7 @@ def serving(words: list[str], folder: Path) -> Iterator[str]:
             [*words, f"--port={port}"], cwd=folder, env=environment(), stdout=log, stderr=log
         )
     try:
-        for _ in range(600):
+        for _ in range(1800):
             try:
                 urllib.request.urlopen(f"{address}/readyz", timeout=5).close()
                 break
