@@ -91,8 +91,8 @@ def test_a_killed_replica_loses_no_more_than_it_worked_on(ray: RayServe, pair: E
     statuses = Counter(status for status, _ in answers.elements())
     assert statuses[200] == CALLERS * EACH
     assert statuses.keys() <= {200, 429, 503}
-    # Each caller had at most one request with it.
-    assert 0 < statuses[503] <= CALLERS
+    # Each caller had at most one request with it; none had, where it was between two.
+    assert statuses[503] <= CALLERS
     assert answers[503, "application/problem+json"] == statuses[503]
 
 
