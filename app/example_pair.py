@@ -43,3 +43,8 @@ def example_pair() -> ExamplePair:
     T[:3, 3] = _TRANSLATION
     target = (source @ T[:3, :3].T + T[:3, 3]).round(_DIGITS)
     return ExamplePair(source, target, T)
+
+
+def unlike_anything() -> FloatArray:
+    """A cloud of noise (64, 3), always the same, that no motion lays onto a shape."""
+    return np.random.default_rng(1).normal(size=(64, 3))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import structlog
 from anyio import to_thread
 
-from app.example_pair import example_pair
+from app.example_pair import example_pair, unlike_anything
 from app.refusals import DrainingError, NotReadyError
 from model import Registrar
 from model.exceptions import EquivAlignError
@@ -93,4 +93,6 @@ class Readiness:
         registrar = self._load()
         pair = example_pair()
         registrar.register(pair.source, pair.target)
+        # What no pose fits goes all the ways of the search, which load their parts on first use.
+        registrar.register(pair.source, unlike_anything())
         return registrar
