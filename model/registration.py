@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import torch
 from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
@@ -20,22 +19,13 @@ from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
 from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
+from model.pose_search import PoseSearch
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.se3 import rotation_angle
-from model.search import (
-    Candidates,
-    Start,
-    evidence_at,
-    flip_start,
-    grid_start,
-    hypothesise,
-    matched_start,
-    refine,
-)
+from model.search import Candidates, Start, hypothesise
 from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
-from model.verification import Evidence, Examination, Judge, SurfaceAgreement
+from model.verification import Examination, Judge, SurfaceAgreement
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -119,9 +109,10 @@ class Registrar:
         stopwatch.lap("encode")
         start = self._hypothesise(pair, options)
         stopwatch.lap("hypothesise")
-        start, candidates = self._search(pair, start, options)
+        pose_search = self._pose_search(pair, options)
+        start, candidates = pose_search.run(start)
         stopwatch.lap("search")
-        solved = self._solve(pair, start, candidates, options)
+        solved = self._solve(pose_search, start, candidates)
         stopwatch.lap("solve")
         found = diagnose(pair, options, start, candidates, solved, self.artifact.verifier)
         stopwatch.lap("diagnose")
@@ -141,14 +132,15 @@ class Registrar:
         options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
         pair = self._encode(GivenPair.checked(source, target, None, None), options)
         start = self._hypothesise(pair, options)
-        start, candidates = self._search(pair, start, options, thorough=True)
-        T = self._solve(pair, start, candidates, options).T_target_source
-        evidence = self._evidence_at(T[None], start, pair, True)
+        pose_search = self._pose_search(pair, options)
+        start, candidates = pose_search.run(start, thorough=True)
+        T = self._solve(pose_search, start, candidates).T_target_source
+        evidence = pose_search.evidence_at(T[None], start, True)
         log_odds = float(self._judge.log_odds(evidence)[0])
         others = candidates.score[1:]
         return Examination(
             np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
-            self._evidence_at(candidates.poses, start, pair, True),
+            pose_search.evidence_at(candidates.poses, start, True),
             pair.frame.pose_out(T),
             evidence,
             log_odds,
@@ -241,54 +233,12 @@ class Registrar:
             options.seed,
         )
 
-    def _search(
-        self, pair: Pair, start: Start, options: Options, thorough: bool = False
-    ) -> tuple[Start, Candidates]:
-        """Refine the start poses; where a doubt is left, flips, more matches and a grid, too."""
-        candidates = self._refine(pair, start, options)
-        settings = self.artifact.settings.hypotheses_for(options.search)
-        x, z, farthest = pair.target, pair.source, options.max_rotation_deg
-        if settings.flips and (thorough or self._doubtful(candidates, options)):
-            best = candidates.poses[: settings.flips]
-            start = flip_start(start, best, x.sparse, z.sparse, farthest)
-            candidates = self._also(candidates, pair, start, options)
-        for more, wanted in (
-            (matched_start, settings.matches > 0 and settings.more_matches > 0),
-            (grid_start, settings.grid_step_deg > 0.0),
-        ):
-            if wanted and self._doubtful(candidates, options):
-                start = more(start, x.function, z.function, pair.sparse_spacing, farthest, settings)
-                candidates = self._also(candidates, pair, start, options)
-        return start, candidates
+    def _pose_search(self, pair: Pair, options: Options) -> PoseSearch:
+        return PoseSearch(pair, options, self.artifact.settings, self._judge)
 
-    def _also(
-        self, candidates: Candidates, pair: Pair, start: Start, options: Options
-    ) -> Candidates:
-        merge = self.artifact.settings.search
-        return candidates.joined(self._refine(pair, start, options)).distinct(
-            merge.merge_angle_deg, merge.merge_distance * pair.sparse_spacing
-        )
-
-    def _doubtful(self, candidates: Candidates, options: Options) -> bool:
-        return bool(candidates.score[0] < self._judge.DOUBT) and not options.deadline.passed()
-
-    def _evidence_at(self, T: FloatArray, start: Start, pair: Pair, closely: bool) -> Evidence:
-        return evidence_at(T, start, pair.target.sparse, pair.source.sparse, closely)
-
-    def _refine(self, pair: Pair, start: Start, options: Options) -> Candidates:
-        return refine(
-            start,
-            pair.target.sparse,
-            pair.source.sparse,
-            self.artifact.settings.search,
-            self._judge,
-            options.max_rotation_deg,
-            options.seed,
-            options.deadline.passed,
-        )
-
-    def _solve(self, pair: Pair, start: Start, candidates: Candidates, options: Options) -> Solved:
+    def _solve(self, pose_search: PoseSearch, start: Start, candidates: Candidates) -> Solved:
         """Solve the contenders, let the judge decide; the caller's guess is one of them."""
+        pair, options = pose_search.pair, pose_search.options
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
         stop = options.deadline.passed
 
@@ -301,28 +251,15 @@ class Registrar:
         solved = side_by_side(solve, candidates.contenders())
         guess = pair.initial(options.initial)
         poses = [found.T_target_source for found in solved]
-        if guess is not None and not self._is_among(guess.numpy(), poses, pair):
+        if guess is not None and not pose_search.is_among(guess.numpy(), np.stack(poses)):
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
-        evidence = self._evidence_at(np.stack(poses), start, pair, self._judge.CLOSELY)
+        evidence = pose_search.evidence_at(np.stack(poses), start, self._judge.CLOSELY)
         best = int(self._judge.log_odds(evidence).argmax())
         if best < len(solved):
             return solved[best]
         return stage.solve(pair.target, pair.source, poses[best], always)
-
-    def _is_among(self, T: FloatArray, poses: Sequence[FloatArray], pair: Pair) -> bool:
-        """Whether a pose (4, 4) is one of others before its last steps.
-
-        The judge tells basins apart, not a pose from the one that the last stage made of it.
-        """
-        settings = self.artifact.settings.search
-        every = torch.from_numpy(np.stack([T, *poses])).float()
-        angles = rotation_angle(every[1:, :3, :3], every[:1, :3, :3]).rad2deg()
-        apart = (every[1:, :3, 3] - every[0, :3, 3]).norm(dim=-1)
-        reach = settings.merge_distance * pair.sparse_spacing
-        near = (angles < settings.merge_angle_deg) & (apart < reach)
-        return bool(near.any())
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

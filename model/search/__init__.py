@@ -1,7 +1,7 @@
 """Global search: start poses, and the few of them worth solving."""
 
 from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
-from model.search.hypotheses import KINDS, Hypotheses, within
+from model.search.hypotheses import KINDS, Hypotheses, nearby, within
 from model.search.hypothesise import (
     HypothesisSettings,
     Start,
@@ -23,6 +23,7 @@ __all__ = [
     "grid_start",
     "hypothesise",
     "matched_start",
+    "nearby",
     "refine",
     "within",
 ]

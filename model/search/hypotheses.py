@@ -62,6 +62,21 @@ def within(hypotheses: Hypotheses, R_centre: Tensor, max_rotation_deg: float) ->
     return angle <= math.radians(max_rotation_deg) + 1e-4
 
 
+def nearby(T: Tensor, others: Tensor, angle_deg: float, distance: float) -> Tensor:
+    """Whether poses (…, 4, 4) are nearly the same as others, with which they broadcast.
+
+    Args:
+        T: poses.
+        others: poses.
+        angle_deg: two poses nearer than this and nearer than ``distance`` are one.
+        distance: between the images of the source's centroid.
+    """
+    turned = rotation_angle(T[..., :3, :3], others[..., :3, :3])
+    apart = (T[..., :3, 3] - others[..., :3, 3]).norm(dim=-1)
+    near: Tensor = (turned < math.radians(angle_deg)) & (apart < distance)
+    return near
+
+
 def distinct(T: Tensor, score: Tensor, keep: int, angle_deg: float, distance: float) -> Tensor:
     """Indices of the best ``keep`` poses, best first, no two closer than the tolerances.
 
@@ -73,9 +88,7 @@ def distinct(T: Tensor, score: Tensor, keep: int, angle_deg: float, distance: fl
         distance: between the images of the source's centroid.
     """
     order = score.argsort(descending=True)
-    R, t = T[order, :3, :3], T[order, :3, 3]
-    near_angle = rotation_angle(R[:, None], R[None]) < math.radians(angle_deg)
-    near = (near_angle & (torch.cdist(t, t) < distance)).numpy()
+    near = nearby(T[order][:, None], T[order], angle_deg, distance).numpy()
     kept: list[int] = []
     covered = near[0] & False
     for i in range(len(order)):

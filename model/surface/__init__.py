@@ -1,13 +1,15 @@
 """The surface kernel: the paper's kernel with a metric that knows which way the surface faces."""
 
+from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, cells_of
 from model.surface.cloud import CellView, SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish
 from model.surface.descent import Descent, descend
-from model.surface.moments import REACH, VIEW, SurfaceArrays, SurfaceMoments, surface_moments
+from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.patches import Patches, surface_spacing
-from model.surface.solver import SurfaceLoop, SurfaceSolution, surface_product, surface_products
+from model.surface.product import surface_product, surface_products
+from model.surface.solver import SurfaceLoop, SurfaceSolution
 
 __all__ = [
     "REACH",

@@ -84,3 +84,30 @@ def runs_around(cells: Cells, y0: float, y1: float, y2: float, runs: IntArray) -
                 runs[count, 0], runs[count, 1] = a, b
                 count += 1
     return count
+
+
+@compiled
+def nearest_to(
+    cells: Cells, y0: float, y1: float, y2: float, reach2: float, runs: IntArray
+) -> tuple[int, float]:
+    """The point nearest to a position.
+
+    Args:
+        cells: of the cloud, at least the reach in size.
+        y0: the position's x; y1, y2 likewise.
+        y1: see ``y0``.
+        y2: see ``y0``.
+        reach2: square of the distance within which it is sought.
+        runs: (9, 2) room.
+
+    Returns:
+        its row in cell order and its squared distance; −1 and ``reach2`` where none is near.
+    """
+    at, nearest = -1, reach2
+    for run in range(runs_around(cells, y0, y1, y2, runs)):
+        for p in range(runs[run, 0], runs[run, 1]):
+            d0, d1, d2 = cells.points[p, 0] - y0, cells.points[p, 1] - y1, cells.points[p, 2] - y2
+            distance2 = d0 * d0 + d1 * d1 + d2 * d2
+            if distance2 < nearest:
+                at, nearest = p, distance2
+    return at, nearest

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 from scipy.spatial import KDTree
 
+from model.surface.arrays import SurfaceArrays, ordered
 from model.surface.cells import Cells, FloatArray, IntArray, cells_of
-from model.surface.moments import SurfaceArrays
 from model.surface.patches import Patches, surface_spacing
 
 _NEIGHBOURS = 6
@@ -132,14 +132,3 @@ class SurfaceCloud:
         """The geometry and the labels alone."""
         none = np.zeros((len(self.arrays.points), 3, 0), np.float32)
         return self.remembered("without features", lambda: self.with_features(none))
-
-
-def ordered(arrays: SurfaceArrays, index: npt.NDArray[np.int64]) -> SurfaceArrays:
-    """The points at ``index``, in its order."""
-    return SurfaceArrays(
-        np.ascontiguousarray(arrays.points[index]),
-        np.ascontiguousarray(arrays.normals[index]),
-        np.ascontiguousarray(arrays.features[index]),
-        np.ascontiguousarray(arrays.labels[index]),
-        np.ascontiguousarray(arrays.weights[index]),
-    )

@@ -8,10 +8,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.compiled import compiled
+from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.cloud import CellView
 from model.surface.descent import retracted
-from model.surface.moments import SurfaceArrays, surface_moments
+from model.surface.moments import surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 
 # The gradient is exact, so its differences are good to about this, relative to the curvature.

@@ -8,8 +8,9 @@ from typing import NamedTuple
 import numpy as np
 
 from model.compiled import compiled
+from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, FloatArray
-from model.surface.moments import REACH, SurfaceArrays, surface_moments
+from model.surface.moments import REACH, surface_moments
 from model.surface.near_pairs import SLACK, farthest_move, near_pairs
 
 _DAMPING = 1e-6

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.compiled import compiled
-from model.surface.cells import Cells, FloatArray, runs_around
+from model.surface.arrays import SurfaceArrays
+from model.surface.cells import Cells, FloatArray, nearest_to
 from model.surface.cloud import SurfaceCloud
-from model.surface.moments import SurfaceArrays
+from model.surface.rigid import moved
 
 # Points farther apart than this many spacings don't meet.
 _NEAR = 1.2
@@ -58,21 +59,10 @@ def nearest(
     height = np.zeros(len(source.points))
     runs = np.empty((9, 2), np.int64)
     for j in range(len(source.points)):
-        z0, z1, z2 = source.points[j, 0], source.points[j, 1], source.points[j, 2]
-        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
-        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
-        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
-        best, at = reach * reach, -1
-        for run in range(runs_around(cells, y0, y1, y2, runs)):
-            for p in range(runs[run, 0], runs[run, 1]):
-                d0 = target.points[p, 0] - y0
-                d1 = target.points[p, 1] - y1
-                d2 = target.points[p, 2] - y2
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 < best:
-                    best, at = distance2, p
+        y0, y1, y2 = moved(T, source.points, j)
+        at, distance2 = nearest_to(cells, y0, y1, y2, reach * reach, runs)
         if at >= 0:
-            distance[j] = np.sqrt(best)
+            distance[j] = np.sqrt(distance2)
             height[j] = abs(
                 target.normals[at, 0] * (target.points[at, 0] - y0)
                 + target.normals[at, 1] * (target.points[at, 1] - y1)

@@ -11,40 +11,22 @@ sides, so that swapping the clouds inverts the pose. The normals are steerable v
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
 from model.compiled import compiled
+from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
-from model.surface.near_pairs import SLACK, NearPairs
+from model.surface.near_pairs import SLACK, NearPairs, longest_run
+from model.surface.pair_weight import compare_features, count_pairs, pull_features, turn_features
+from model.surface.profile import gaussian
+from model.surface.rigid import moved, turned
 
 # exp(−3²/2) = 0.011 is where the kernel ends.
 REACH = 3.0
 # Cells of a cloud on which the kernel's sums are taken again and again, in ℓ.
 VIEW = SLACK * REACH
-# exp(−40/2) = 2·10⁻⁹: pairs that stand so far above each other's planes add nothing.
-_NEGLIGIBLE = 40.0
-
-
-class SurfaceArrays(NamedTuple):
-    """A cloud as the compiled sums take it.
-
-    Attributes:
-        points: (N, 3).
-        normals: (N, 3).
-        features: (N, 3C) float32, the three coordinates of all channels; C may be 0.
-        labels: (N, L) pose-invariant labels l(x_i); L = 0 stands for l = 1.
-        weights: (N,) what each point counts.
-    """
-
-    points: FloatArray
-    normals: FloatArray
-    features: npt.NDArray[np.float32]
-    labels: FloatArray
-    weights: FloatArray
 
 
 class SurfaceMoments(NamedTuple):
@@ -84,87 +66,60 @@ def surface_moments(
     """
     a_iso = 1.0 / (lengthscale * lengthscale)
     a_normal = 1.0 / (across * across) - a_iso
+    cut2 = cut * cut
     width = target.features.shape[1]
     channels = width // 3
-    traits = target.labels.shape[1]
-    turned = np.empty(width, np.float32)
-    pull = np.zeros(width)
+    g, pull = np.empty(width, np.float32), np.zeros(width)
+    longest = longest_run(pairs)
+    counts, slopes = np.empty(longest), np.empty(longest)
     H = np.zeros((6, 6))
     value = 0.0
     g0 = g1 = g2 = g3 = g4 = g5 = 0.0
     for j in range(len(source.points)):
-        if pairs.start[j] == pairs.start[j + 1]:
+        first, near = pairs.start[j], pairs.start[j + 1] - pairs.start[j]
+        if near == 0:
             continue
-        z0, z1, z2 = source.points[j, 0], source.points[j, 1], source.points[j, 2]
-        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
-        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
-        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
-        n0, n1, n2 = source.normals[j, 0], source.normals[j, 1], source.normals[j, 2]
-        m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
-        m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
-        m2 = T[2, 0] * n0 + T[2, 1] * n1 + T[2, 2] * n2
-        for c in range(channels):
-            f0 = source.features[j, c]
-            f1 = source.features[j, channels + c]
-            f2 = source.features[j, 2 * channels + c]
-            turned[c] = T[0, 0] * f0 + T[0, 1] * f1 + T[0, 2] * f2
-            turned[channels + c] = T[1, 0] * f0 + T[1, 1] * f1 + T[1, 2] * f2
-            turned[2 * channels + c] = T[2, 0] * f0 + T[2, 1] * f1 + T[2, 2] * f2
-            pull[c] = pull[channels + c] = pull[2 * channels + c] = 0.0
-        weight = source.weights[j]
+        y0, y1, y2 = moved(T, source.points, j)
+        m0, m1, m2 = turned(T, source.normals, j)
+        count_pairs(pairs, target, source, j, counts)
+        if width:
+            turn_features(source.features, j, T, g)
+            compare_features(pairs, target.features, g, j, counts, slopes)
         # Of one source point: mass, Σ k d, the target's planes, the source's, the turning normals.
         mass = e0 = e1 = e2 = 0.0
         p00 = p01 = p02 = p11 = p12 = p22 = v0 = v1 = v2 = 0.0
         own = u = u0 = u1 = u2 = 0.0
         b0 = b1 = b2 = 0.0
-        for at in range(pairs.start[j], pairs.start[j + 1]):
-            p = pairs.target[at]
+        # Without a branch, a call or a store, so that several pairs are taken at once.
+        for a in range(near):
+            p = pairs.target[first + a]
             d0 = target.points[p, 0] - y0
             d1 = target.points[p, 1] - y1
             d2 = target.points[p, 2] - y2
-            distance2 = d0 * d0 + d1 * d1 + d2 * d2
-            if distance2 > cut * cut:
-                continue
             x0, x1, x2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
+            distance2 = d0 * d0 + d1 * d1 + d2 * d2
             dot = x0 * m0 + x1 * m1 + x2 * m2
-            likeness = dot * dot
-            if likeness < 1e-4:
-                continue
             r = x0 * d0 + x1 * d1 + x2 * d2
             q = m0 * d0 + m1 * d1 + m2 * d2
             iso = distance2 * a_iso
-            from_target, from_source = iso + r * r * a_normal, iso + q * q * a_normal
-            if min(from_target, from_source) > _NEGLIGIBLE:
-                continue
-            both = 0.5 * weight * target.weights[p]
-            if traits:
-                c_xz = 0.0
-                for c in range(traits):
-                    c_xz += target.labels[p, c] * source.labels[j, c]
-                both *= c_xz
-            w = both * math.exp(-0.5 * from_target)
-            o = both * math.exp(-0.5 * from_source)
-            if width:
-                s = np.float32(0.0)
-                for c in range(width):
-                    s += target.features[p, c] * turned[c]
-                kappa = math.tanh(1.0 + s)
-                bend = (1.0 - kappa * kappa) * likeness * (w + o)
-                for c in range(width):
-                    pull[c] += bend * target.features[p, c]
-                w, o = w * kappa, o * kappa
+            both = counts[a] if distance2 <= cut2 else 0.0
+            w = both * gaussian(iso + r * r * a_normal)
+            o = both * gaussian(iso + q * q * a_normal)
+            likeness = dot * dot
             spin = 2.0 * dot * (w + o)
             b0, b1, b2 = b0 + spin * x0, b1 + spin * x1, b2 + spin * x2
             w, o = w * likeness, o * likeness
             k = w + o
             mass += k
             e0, e1, e2 = e0 + k * d0, e1 + k * d1, e2 + k * d2
-            p00, p01, p02 = p00 + w * x0 * x0, p01 + w * x0 * x1, p02 + w * x0 * x2
-            p11, p12, p22 = p11 + w * x1 * x1, p12 + w * x1 * x2, p22 + w * x2 * x2
-            v0, v1, v2 = v0 + w * r * x0, v1 + w * r * x1, v2 + w * r * x2
+            w0, w1, w2 = w * x0, w * x1, w * x2
+            p00, p01, p02 = p00 + w0 * x0, p01 + w0 * x1, p02 + w0 * x2
+            p11, p12, p22 = p11 + w1 * x1, p12 + w1 * x2, p22 + w2 * x2
+            v0, v1, v2 = v0 + w0 * r, v1 + w1 * r, v2 + w2 * r
             own += o
-            u += o * q
-            u0, u1, u2 = u0 + o * q * d0, u1 + o * q * d1, u2 + o * q * d2
+            pushed = o * q
+            u += pushed
+            u0, u1, u2 = u0 + pushed * d0, u1 + pushed * d1, u2 + pushed * d2
         if mass == 0.0:
             continue
         value += mass
@@ -181,8 +136,11 @@ def surface_moments(
         g3 += m1 * b2 - m2 * b1
         g4 += m2 * b0 - m0 * b2
         g5 += m0 * b1 - m1 * b0
+        if width:
+            metric = (a_iso, a_normal, cut2)
+            pull_features(pairs, target, (y0, y1, y2), (m0, m1, m2), j, metric, slopes, pull)
         for c in range(channels):
-            h0, h1, h2 = turned[c], turned[channels + c], turned[2 * channels + c]
+            h0, h1, h2 = g[c], g[channels + c], g[2 * channels + c]
             f0, f1, f2 = pull[c], pull[channels + c], pull[2 * channels + c]
             g3 += h1 * f2 - h2 * f1
             g4 += h2 * f0 - h0 * f2

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from model.compiled import compiled
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+from model.surface.rigid import moved
 
 # Pairs are listed out to this many times the kernel's end; the pose may move by the difference.
 SLACK = 1.25
@@ -46,10 +47,7 @@ def near_pairs(
     runs = np.empty((9, 2), np.int64)
     count, reach2 = 0, reach * reach
     for j in range(len(source)):
-        z0, z1, z2 = source[j, 0], source[j, 1], source[j, 2]
-        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
-        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
-        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
+        y0, y1, y2 = moved(T, source, j)
         for run in range(runs_around(cells, y0, y1, y2, runs)):
             a, b = runs[run, 0], runs[run, 1]
             if count + b - a > len(near):
@@ -63,6 +61,15 @@ def near_pairs(
                 count += d0 * d0 + d1 * d1 + d2 * d2 <= reach2
         start[j + 1] = count
     return NearPairs(start, near[:count].copy())
+
+
+@compiled
+def longest_run(pairs: NearPairs) -> int:
+    """The most pairs that one source point has."""
+    longest = 0
+    for j in range(len(pairs.start) - 1):
+        longest = max(longest, pairs.start[j + 1] - pairs.start[j])
+    return longest
 
 
 @compiled

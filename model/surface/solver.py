@@ -15,8 +15,8 @@ from model.surface.cloud import SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
 from model.surface.descent import descend
 from model.surface.meeting import Meeting
-from model.surface.moments import REACH, VIEW, surface_moments
-from model.surface.near_pairs import near_pairs
+from model.surface.moments import REACH, VIEW
+from model.surface.product import surface_norms, surface_products
 
 Stop = Callable[[], bool]
 
@@ -176,37 +176,3 @@ class SurfaceSolution:
     products: InnerProducts
     curvature: SurfaceCurvature
     spread: FloatArray
-
-
-def surface_products(
-    target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, ell: float, across: float
-) -> InnerProducts:
-    """⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,hZ⟩ on the surface kernel, a batch of one."""
-    cross = surface_product(target, source, T, ell, across)
-    values = (*surface_norms(target, source, ell, across), cross)
-    xx, zz, xz = (torch.tensor([value], dtype=torch.float64) for value in values)
-    return InnerProducts(xx, zz, xz)
-
-
-def surface_norms(
-    target: SurfaceCloud, source: SurfaceCloud, ell: float, across: float
-) -> tuple[float, float]:
-    """⟨X,X⟩ and ⟨Z,Z⟩."""
-    return surface_norm(target, ell, across), surface_norm(source, ell, across)
-
-
-def surface_norm(cloud: SurfaceCloud, ell: float, across: float) -> float:
-    """⟨X,X⟩, taken once for each ℓ."""
-    return cloud.remembered(
-        ("norm", ell, across), lambda: surface_product(cloud, cloud, np.eye(4), ell, across)
-    )
-
-
-def surface_product(
-    target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, ell: float, across: float
-) -> float:
-    """⟨X,hZ⟩ alone."""
-    cut = REACH * ell
-    view = target.at(VIEW * ell)
-    pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, cut)
-    return surface_moments(pairs, view.arrays, source.arrays, T, ell, across, cut).value

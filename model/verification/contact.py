@@ -10,9 +10,10 @@ import numpy.typing as npt
 from scipy.spatial import KDTree
 
 from model.compiled import compiled
-from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+from model.surface.arrays import SurfaceArrays
+from model.surface.cells import Cells, FloatArray, IntArray, nearest_to
 from model.surface.cloud import SurfaceCloud
-from model.surface.moments import SurfaceArrays
+from model.surface.rigid import moved, turned
 
 # Neighbours in the other cloud are sought this far, in spacings.
 REACH = 3.0
@@ -128,19 +129,8 @@ def _traits(
     for j in range(count):
         e0, e1, e2 = beside_moving.edge[j, 0], beside_moving.edge[j, 1], beside_moving.edge[j, 2]
         out[j, 9] = math.sqrt(e0 * e0 + e1 * e1 + e2 * e2)
-        z0, z1, z2 = moving.points[j, 0], moving.points[j, 1], moving.points[j, 2]
-        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
-        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
-        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
-        nearest, at = reach2, -1
-        for run in range(runs_around(cells, y0, y1, y2, runs)):
-            for p in range(runs[run, 0], runs[run, 1]):
-                d0 = fixed.points[p, 0] - y0
-                d1 = fixed.points[p, 1] - y1
-                d2 = fixed.points[p, 2] - y2
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 < nearest:
-                    nearest, at = distance2, p
+        y0, y1, y2 = moved(T, moving.points, j)
+        at, nearest = nearest_to(cells, y0, y1, y2, reach2, runs)
         d = math.sqrt(nearest) / spacing
         out[j, 0] = math.exp(-8.0 * d * d)
         out[j, 1] = math.exp(-2.0 * d * d)
@@ -150,10 +140,7 @@ def _traits(
         if at < 0:
             continue
         x0, x1, x2 = fixed.normals[at, 0], fixed.normals[at, 1], fixed.normals[at, 2]
-        n0, n1, n2 = moving.normals[j, 0], moving.normals[j, 1], moving.normals[j, 2]
-        m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
-        m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
-        m2 = T[2, 0] * n0 + T[2, 1] * n1 + T[2, 2] * n2
+        m0, m1, m2 = turned(T, moving.normals, j)
         d0, d1, d2 = fixed.points[at, 0] - y0, fixed.points[at, 1] - y1, fixed.points[at, 2] - y2
         above = abs(x0 * d0 + x1 * d1 + x2 * d2) + abs(m0 * d0 + m1 * d1 + m2 * d2)
         h = 0.5 * above / spacing
@@ -165,8 +152,8 @@ def _traits(
         out[j, 14] = min(2.0, max(-2.0, beyond))
         if d < _RELATED:
             out[j, 4] = abs(x0 * m0 + x1 * m1 + x2 * m2)
-            out[j, 7] = _likeness(fixed.features, at, moving.features, j, T, 0, half)
-            out[j, 8] = _likeness(fixed.features, at, moving.features, j, T, half, channels)
+            out[j, 7] = likeness_of(fixed.features, at, moving.features, j, T, 0, half)
+            out[j, 8] = likeness_of(fixed.features, at, moving.features, j, T, half, channels)
     neighbours = beside_moving.neighbours
     small = min(12, neighbours.shape[1])
     for j in range(count):
@@ -182,7 +169,7 @@ def _traits(
 
 
 @compiled
-def _likeness(
+def likeness_of(
     fixed: npt.NDArray[np.float32],
     i: int,
     moving: npt.NDArray[np.float32],

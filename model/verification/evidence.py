@@ -10,10 +10,11 @@ import numpy.typing as npt
 
 from model.compiled import compiled
 from model.side_by_side import side_by_side
-from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+from model.surface.arrays import SurfaceArrays
+from model.surface.cells import Cells, FloatArray, IntArray, nearest_to
 from model.surface.cloud import SurfaceCloud
-from model.surface.moments import SurfaceArrays
-from model.verification.contact import contact
+from model.surface.rigid import moved, turned
+from model.verification.contact import contact, likeness_of
 
 # Neighbours are sought this far, in spacings.
 REACH = 2.0
@@ -149,29 +150,15 @@ def _one_side(
     near = on = close = 0
     facing = height = likeness = alike = 0.0
     for j in range(len(moving.points)):
-        z0, z1, z2 = moving.points[j, 0], moving.points[j, 1], moving.points[j, 2]
-        y0 = T[0, 0] * z0 + T[0, 1] * z1 + T[0, 2] * z2 + T[0, 3]
-        y1 = T[1, 0] * z0 + T[1, 1] * z1 + T[1, 2] * z2 + T[1, 3]
-        y2 = T[2, 0] * z0 + T[2, 1] * z1 + T[2, 2] * z2 + T[2, 3]
-        nearest, at = reach2, -1
-        for run in range(runs_around(cells, y0, y1, y2, runs)):
-            for p in range(runs[run, 0], runs[run, 1]):
-                d0 = fixed.points[p, 0] - y0
-                d1 = fixed.points[p, 1] - y1
-                d2 = fixed.points[p, 2] - y2
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 < nearest:
-                    nearest, at = distance2, p
+        y0, y1, y2 = moved(T, moving.points, j)
+        at, nearest = nearest_to(cells, y0, y1, y2, reach2, runs)
         if at < 0 or nearest > (_NEAR * spacing) ** 2:
             continue
         near += 1
         is_near[j] = True
         if nearest < (_CLOSE * spacing) ** 2:
             close += 1
-        n0, n1, n2 = moving.normals[j, 0], moving.normals[j, 1], moving.normals[j, 2]
-        m0 = T[0, 0] * n0 + T[0, 1] * n1 + T[0, 2] * n2
-        m1 = T[1, 0] * n0 + T[1, 1] * n1 + T[1, 2] * n2
-        m2 = T[2, 0] * n0 + T[2, 1] * n1 + T[2, 2] * n2
+        m0, m1, m2 = turned(T, moving.normals, j)
         x0, x1, x2 = fixed.normals[at, 0], fixed.normals[at, 1], fixed.normals[at, 2]
         d0, d1, d2 = fixed.points[at, 0] - y0, fixed.points[at, 1] - y1, fixed.points[at, 2] - y2
         dot = abs(x0 * m0 + x1 * m1 + x2 * m2)
@@ -184,20 +171,7 @@ def _one_side(
             on += 1
             is_on[j] = True
         if width:
-            product = own = other = 0.0
-            for c in range(channels):
-                g0 = moving.features[j, c]
-                g1 = moving.features[j, channels + c]
-                g2 = moving.features[j, 2 * channels + c]
-                f0 = fixed.features[at, c]
-                f1 = fixed.features[at, channels + c]
-                f2 = fixed.features[at, 2 * channels + c]
-                product += f0 * (T[0, 0] * g0 + T[0, 1] * g1 + T[0, 2] * g2)
-                product += f1 * (T[1, 0] * g0 + T[1, 1] * g1 + T[1, 2] * g2)
-                product += f2 * (T[2, 0] * g0 + T[2, 1] * g1 + T[2, 2] * g2)
-                own += g0 * g0 + g1 * g1 + g2 * g2
-                other += f0 * f0 + f1 * f1 + f2 * f2
-            likeness += product / math.sqrt(own * other + 1e-12)
+            likeness += likeness_of(fixed.features, at, moving.features, j, T, 0, channels)
         if traits:
             both = own_labels = other_labels = 0.0
             for c in range(traits):

@@ -81,7 +81,7 @@ def plain_sum(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray, delta: 
     metric = sum(0.5 * torch.exp(-0.5 * (iso + across)) for across in seen)
     likeness = (n @ m.T).square()
     kappa = torch.tanh(1.0 + torch.einsum("ndc,mdc->nm", f.reshape(len(f), 3, -1), g))
-    counts = (c @ e.T) * a[:, None] * b * (likeness >= 1e-4)
+    counts = (c @ e.T) * a[:, None] * b
     return (counts * kappa * likeness * metric).sum()
 
 
