@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from torch import Tensor
 
 from model.artifact import Artifact, load_artifact
 from model.deadline import always
 from model.diagnosis import Diagnosis, diagnose
+from model.encoder.compiled_graph import compiled_encoder
 from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
 from model.options import Options
@@ -39,8 +39,9 @@ class Registrar:
 
     def __init__(self, artifact: Artifact) -> None:
         self.artifact = artifact
-        self._encoder = artifact.encoder().requires_grad_(False)
-        self._groups = int(getattr(self._encoder, "groups", 1))
+        encoder = artifact.encoder().requires_grad_(False)
+        self._groups = int(getattr(encoder, "groups", 1))
+        self._encode_points = compiled_encoder(encoder) or encoder
         self._kernel = RkhsKernel(artifact.kernel)
         self._judge: Judge = artifact.verifier or SurfaceAgreement()
 
@@ -208,13 +209,10 @@ class Registrar:
         def prepare(
             points: FloatArray, labels: FloatArray | None, weights: FloatArray | None, seed: int
         ) -> PreparedCloud:
-            return PreparedCloud.of(points, labels, self._features, most, dense, seed, weights)
+            encode = self._encode_points
+            return PreparedCloud.of(points, labels, encode, most, dense, seed, weights)
 
         return prepare
-
-    def _features(self, x: Tensor) -> Tensor:
-        features: Tensor = self._encoder(x)
-        return features
 
     def _encode(self, given: GivenPair, options: Options) -> Pair:
         settings = self.artifact.settings

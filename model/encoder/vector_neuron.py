@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import Tensor, nn
 
-_EPSILON = 1e-6
+EPSILON = 1e-6
 
 
 class VNLinear(nn.Module):
@@ -36,7 +36,7 @@ class VNLeakyReLU(nn.Module):
         """(…, 3, C) → (…, 3, C)."""
         k: Tensor = self.direction(f)
         along = (f * k).sum(-2, keepdim=True)
-        against = along.clamp(max=0.0) / (k.square().sum(-2, keepdim=True) + _EPSILON)
+        against = along.clamp(max=0.0) / (k.square().sum(-2, keepdim=True) + EPSILON)
         return f - (1.0 - self.slope) * against * k
 
 
@@ -49,7 +49,7 @@ class VNBatchNorm(nn.Module):
 
     def forward(self, f: Tensor) -> Tensor:
         """(…, 3, C) → (…, 3, C)."""
-        length = f.square().sum(-2).add(_EPSILON**2).sqrt()
+        length = f.square().sum(-2).add(EPSILON**2).sqrt()
         normed: Tensor = self.norm(length.reshape(-1, length.shape[-1])).reshape(length.shape)
         return f * (normed / length)[..., None, :]
 
@@ -81,4 +81,4 @@ class FeatureScale(nn.Module):
     def forward(self, f: Tensor) -> Tensor:
         """(…, 3, C) → (…, 3, C)."""
         length2 = f.square().sum((-1, -2), keepdim=True)
-        return f * torch.rsqrt(length2 + _EPSILON) * (0.5 * self.log_gamma).exp()
+        return f * torch.rsqrt(length2 + EPSILON) * (0.5 * self.log_gamma).exp()

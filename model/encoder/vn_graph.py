@@ -72,7 +72,7 @@ class VNGraph(nn.Module):
         x = x - (x * mask[..., None]).sum(1, keepdim=True) / mask.sum(1)[:, None, None]
         distance2 = squared_distances(x, x)
         balls = self._balls(distance2, mask)
-        vectors, scalars = ball_moments(x, balls, self._widths())
+        vectors, scalars = ball_moments(x, balls, self.widths())
         h = self.lift_invariants(self.moment_norm(scalars))
         f = self.point_norm(self.lift(vectors) * self.lift_gate(h)[..., None, :])
         levels = [f]
@@ -89,7 +89,7 @@ class VNGraph(nn.Module):
         )
         return [neighbourhood(distance2, mask, radius) for radius in self.radii]
 
-    def _widths(self) -> list[float]:
+    def widths(self) -> list[float]:
         """The standard deviation that each ball is about as wide as."""
         share = 1.0 if self.profile == "gaussian" else _COMPACT_SIGMA
         return [share * radius for radius in self.radii]

@@ -10,10 +10,13 @@ import numpy as np
 from model.compiled import compiled
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, FloatArray
-from model.surface.moments import REACH, surface_moments
+from model.surface.moments import REACH, SurfaceMoments, surface_moments
 from model.surface.near_pairs import SLACK, farthest_move, near_pairs
 
 _DAMPING = 1e-6
+_SOFTEST = 0.1
+# Pairs that come and go at the kernel's end change S by more than this.
+_NO_GAIN = 1e-6
 _HALVINGS = 4
 
 
@@ -56,8 +59,7 @@ def descend(
         lengthscale: ℓ along the surface.
         across: ℓ_n across it.
         steps: at most this many.
-        tolerance: a step with ‖δ‖ below this ends the descent.
-
+        tolerance: a step with ‖δ‖ below this ends the descent, as does one that promises nothing.
     """
     cut = REACH * lengthscale
     T = T.copy()
@@ -68,9 +70,10 @@ def descend(
     for _ in range(steps):
         if here.value <= 1e-12:
             break
-        delta = newton_step(here.stiffness, here.gradient)
+        delta = newton_step(here)
         size = math.sqrt((delta * delta).sum())
-        if size <= tolerance:
+        promised = 0.5 * (here.gradient * delta).sum()
+        if size <= tolerance or promised <= _NO_GAIN * here.value:
             return Descent(T, here.value, True, values[:count], deltas[:count])
         improved = False
         for _ in range(_HALVINGS):
@@ -92,14 +95,25 @@ def descend(
 
 
 @compiled
-def newton_step(stiffness: FloatArray, gradient: FloatArray) -> FloatArray:
-    """δ (6,) that the stiffness (6, 6) gives way by; slightly damped where it is singular."""
-    H = stiffness.copy()
+def newton_step(moments: SurfaceMoments) -> FloatArray:
+    """δ (6,) by the stiffness less the softening, slightly damped where it is singular.
+
+    The stiffness alone makes steps that are always safe and, where every point has several
+    neighbours, several times too short. Seen from it, the difference has eigenvalues up to 1; those
+    below ``_SOFTEST`` are raised to it, so that no step is longer than a few safe ones.
+    """
+    H = moments.stiffness.copy()
     shift, turn = H[0, 0] + H[1, 1] + H[2, 2], H[3, 3] + H[4, 4] + H[5, 5]
     for a in range(3):
         H[a, a] += _DAMPING * shift + 1e-30
         H[a + 3, a + 3] += _DAMPING * turn + 1e-30
-    return np.linalg.solve(H, gradient).astype(np.float64)
+    inverse = np.linalg.inv(np.linalg.cholesky(H))
+    softened = np.eye(6) - inverse @ moments.softening @ inverse.T
+    values, axes = np.linalg.eigh(0.5 * (softened + softened.T))
+    along = axes.T @ (inverse @ moments.gradient)
+    step = axes @ (along / np.maximum(values, _SOFTEST))
+    delta: FloatArray = inverse.T @ step
+    return delta
 
 
 @compiled

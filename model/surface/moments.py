@@ -16,11 +16,11 @@ from typing import NamedTuple
 import numpy as np
 
 from model.compiled import compiled
+from model.profile import gaussian
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.near_pairs import SLACK, NearPairs, longest_run
 from model.surface.pair_weight import compare_features, count_pairs, pull_features, turn_features
-from model.surface.profile import gaussian
 from model.surface.rigid import moved, turned
 
 # exp(−3²/2) = 0.011 is where the kernel ends.
@@ -36,11 +36,14 @@ class SurfaceMoments(NamedTuple):
         value: S.
         gradient: (6,) exact.
         stiffness: (6, 6) Gauss–Newton: the kernel values held, the residuals linear.
+        softening: (6, 6) what the fall of the kernel with the distance takes from it: Σ k p pᵀ over
+            the pulls p of the pairs. The Hessian is about softening − stiffness.
     """
 
     value: float
     gradient: FloatArray
     stiffness: FloatArray
+    softening: FloatArray
 
 
 @compiled
@@ -72,7 +75,7 @@ def surface_moments(
     g, pull = np.empty(width, np.float32), np.zeros(width)
     longest = longest_run(pairs)
     counts, slopes = np.empty(longest), np.empty(longest)
-    H = np.zeros((6, 6))
+    H, G = np.zeros((6, 6)), np.zeros((6, 6))
     value = 0.0
     g0 = g1 = g2 = g3 = g4 = g5 = 0.0
     for j in range(len(source.points)):
@@ -90,6 +93,7 @@ def surface_moments(
         p00 = p01 = p02 = p11 = p12 = p22 = v0 = v1 = v2 = 0.0
         own = u = u0 = u1 = u2 = 0.0
         b0 = b1 = b2 = 0.0
+        F00 = F01 = F02 = F11 = F12 = F22 = 0.0
         # Without a branch, a call or a store, so that several pairs are taken at once.
         for a in range(near):
             p = pairs.target[first + a]
@@ -120,6 +124,19 @@ def surface_moments(
             pushed = o * q
             u += pushed
             u0, u1, u2 = u0 + pushed * d0, u1 + pushed * d1, u2 + pushed * d2
+            i0, i1, i2, rn, qn = a_iso * d0, a_iso * d1, a_iso * d2, a_normal * r, a_normal * q
+            f0, f1, f2 = i0 + rn * x0, i1 + rn * x1, i2 + rn * x2
+            h0, h1, h2 = i0 + qn * m0, i1 + qn * m1, i2 + qn * m2
+            F00, F11, F22 = (
+                F00 + w * f0 * f0 + o * h0 * h0,
+                F11 + w * f1 * f1 + o * h1 * h1,
+                F22 + w * f2 * f2 + o * h2 * h2,
+            )
+            F01, F02, F12 = (
+                F01 + w * f0 * f1 + o * h0 * h1,
+                F02 + w * f0 * f2 + o * h0 * h2,
+                F12 + w * f1 * f2 + o * h1 * h2,
+            )
         if mass == 0.0:
             continue
         value += mass
@@ -151,15 +168,16 @@ def surface_moments(
         A11 = a_iso * mass + a_normal * (p11 + own * m1 * m1)
         A12 = a_normal * (p12 + own * m1 * m2)
         A22 = a_iso * mass + a_normal * (p22 + own * m2 * m2)
-        _add_stiffness(H, A00, A01, A02, A11, A12, A22, y0, y1, y2)
+        _add_lever(H, A00, A01, A02, A11, A12, A22, y0, y1, y2)
+        _add_lever(G, F00, F01, F02, F11, F12, F22, y0, y1, y2)
     for a in range(6):
         for b in range(a):
-            H[a, b] = H[b, a]
-    return SurfaceMoments(value, np.array([g0, g1, g2, g3, g4, g5]), H)
+            H[a, b], G[a, b] = H[b, a], G[b, a]
+    return SurfaceMoments(value, np.array([g0, g1, g2, g3, g4, g5]), H, G)
 
 
 @compiled
-def _add_stiffness(
+def _add_lever(
     H: FloatArray,
     A00: float,
     A01: float,

@@ -8,10 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from model.compiled import compiled
+from model.profile import gaussian
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.near_pairs import NearPairs
-from model.surface.profile import gaussian
 
 Features = npt.NDArray[np.float32]
 Vector = tuple[float, float, float]

@@ -7,6 +7,7 @@ import torch
 
 from model.compiled import compiled
 from model.kernel import InnerProducts
+from model.profile import gaussian
 from model.side_by_side import run_together
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
@@ -14,7 +15,6 @@ from model.surface.cloud import SurfaceCloud
 from model.surface.moments import REACH, VIEW
 from model.surface.near_pairs import NearPairs, longest_run, near_pairs
 from model.surface.pair_weight import compare_features, count_pairs, turn_features
-from model.surface.profile import gaussian
 from model.surface.rigid import moved, turned
 
 

@@ -8,6 +8,7 @@ import pytest
 import torch
 from scipy.spatial import KDTree
 
+from model.profile import NEGLIGIBLE, gaussian
 from model.surface import (
     REACH,
     VIEW,
@@ -16,7 +17,9 @@ from model.surface import (
     SurfaceLoop,
     descend,
     near_pairs,
+    newton_polish,
     surface_moments,
+    surface_product,
     surface_spacing,
 )
 from model.surface.cells import cells_of, runs_around
@@ -240,3 +243,35 @@ def test_clouds_far_apart_do_not_meet():
     away = np.eye(4)
     away[:3, 3] = 40.0
     assert Meeting.of(x, y, away) is None
+
+
+def test_the_profile_is_the_exponential():
+    x = np.linspace(0.0, 2.0 * NEGLIGIBLE, 2001)
+    found = np.array([gaussian(value) for value in x])
+    exact = np.where(x <= NEGLIGIBLE, np.exp(-0.5 * x), 0.0)
+    np.testing.assert_allclose(found, exact, rtol=1e-11)
+
+
+def test_the_sum_alone_equals_the_value_beside_its_derivatives(clouds):
+    T = small_pose(11)
+    value = surface_product(*clouds, T, ELL, ACROSS)
+    view = clouds[0].at(VIEW * ELL)
+    pairs = near_pairs(view.cells, view.arrays.points, clouds[1].arrays.points, T, REACH * ELL)
+    cut = REACH * ELL
+    found = surface_moments(pairs, view.arrays, clouds[1].arrays, T, ELL, ACROSS, cut)
+    assert value == pytest.approx(found.value, rel=1e-12)
+
+
+def test_a_few_steps_come_to_rest_where_every_point_has_several_neighbours():
+    # Gauss–Newton steps alone would still be on their way after twenty.
+    target, source = SurfaceCloud.of(ellipsoid(900, 1)), SurfaceCloud.of(ellipsoid(900, 2))
+    ell = 0.7 * target.spacing
+    view = target.at(VIEW * ell)
+    T = small_pose(12, 0.01)
+    found = descend(view.cells, view.arrays, source.arrays, T, ell, 0.4 * ell, 8, 1e-5)
+    assert found.steady
+    _, curvature, small = newton_polish(
+        view, source.arrays, found.T_target_source, ell, 0.4 * ell, REACH * ell, 1
+    )
+    assert small
+    assert np.linalg.eigvalsh(curvature.hessian).max() < 0.0
