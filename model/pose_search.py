@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-import torch
 
 from model.options import Options
 from model.pair import Pair
@@ -16,8 +15,8 @@ from model.search import (
     evidence_at,
     flip_start,
     grid_start,
+    is_among,
     matched_start,
-    nearby,
     refine,
 )
 from model.settings import RegistrarSettings
@@ -79,9 +78,7 @@ class PoseSearch:
 
         The judge tells basins apart, not a pose from the one that the last stage made of it.
         """
-        angle, distance = self._merging()
-        one, others = torch.from_numpy(T).float(), torch.from_numpy(poses).float()
-        return bool(nearby(one, others, angle, distance).any())
+        return is_among(T, poses, *self._merging())
 
     def _also(self, candidates: Candidates, start: Start) -> Candidates:
         return candidates.joined(self._refined(start)).distinct(*self._merging())

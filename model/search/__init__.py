@@ -1,7 +1,7 @@
 """Global search: start poses, and the few of them worth solving."""
 
 from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
-from model.search.hypotheses import KINDS, Hypotheses, nearby, within
+from model.search.hypotheses import KINDS, Hypotheses, is_among, within
 from model.search.hypothesise import (
     HypothesisSettings,
     Start,
@@ -22,8 +22,8 @@ __all__ = [
     "flip_start",
     "grid_start",
     "hypothesise",
+    "is_among",
     "matched_start",
-    "nearby",
     "refine",
     "within",
 ]

@@ -162,12 +162,12 @@ def refine(
 
 
 def some_of(cloud: SurfaceCloud, points: int | None, seed: int) -> SurfaceCloud:
-    """As many of its points, with the normals they have among all; found once."""
+    """As many of its points, with the normals and the spacing that all have; found once."""
     if points is None or points >= len(cloud.arrays.points):
         return cloud
     return cloud.remembered(
         ("some", points, seed),
-        lambda: cloud.select(scattered_subset(cloud.arrays.points, points, seed)),
+        lambda: cloud.select(scattered_subset(cloud.arrays.points, points, seed), cloud.spacing),
     )
 
 

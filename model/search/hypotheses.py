@@ -6,10 +6,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
+from model.compiled import compiled
 from model.se3 import rotation_angle
+
+FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
 
 KINDS = ("initial", "identity", "consensus", "matched", "flip", "grid")
 
@@ -62,19 +68,17 @@ def within(hypotheses: Hypotheses, R_centre: Tensor, max_rotation_deg: float) ->
     return angle <= math.radians(max_rotation_deg) + 1e-4
 
 
-def nearby(T: Tensor, others: Tensor, angle_deg: float, distance: float) -> Tensor:
-    """Whether poses (…, 4, 4) are nearly the same as others, with which they broadcast.
+def is_among(T: FloatArray, others: FloatArray, angle_deg: float, distance: float) -> bool:
+    """Whether a pose (4, 4) is nearly the same as one of others (K, 4, 4).
 
     Args:
-        T: poses.
-        others: poses.
+        T: a pose.
+        others: float64 poses.
         angle_deg: two poses nearer than this and nearer than ``distance`` are one.
         distance: between the images of the source's centroid.
     """
-    turned = rotation_angle(T[..., :3, :3], others[..., :3, :3])
-    apart = (T[..., :3, 3] - others[..., :3, 3]).norm(dim=-1)
-    near: Tensor = (turned < math.radians(angle_deg)) & (apart < distance)
-    return near
+    chord = _chord(angle_deg)
+    return any(_near(T, other, chord, distance) for other in others)
 
 
 def distinct(T: Tensor, score: Tensor, keep: int, angle_deg: float, distance: float) -> Tensor:
@@ -84,17 +88,43 @@ def distinct(T: Tensor, score: Tensor, keep: int, angle_deg: float, distance: fl
         T: (K, 4, 4).
         score: (K,), higher is better.
         keep: at most this many.
-        angle_deg: two poses nearer than this and nearer than ``distance`` are one.
-        distance: between the images of the source's centroid.
+        angle_deg: see ``is_among``.
+        distance: see ``is_among``.
     """
     order = score.argsort(descending=True)
-    near = nearby(T[order][:, None], T[order], angle_deg, distance).numpy()
-    kept: list[int] = []
-    covered = near[0] & False
-    for i in range(len(order)):
-        if len(kept) == keep:
+    kept = _distinct(T[order].double().numpy(), keep, _chord(angle_deg), distance)
+    return order[torch.from_numpy(kept)]
+
+
+def _chord(angle_deg: float) -> float:
+    """‖R_a − R_b‖_F of rotations so far apart."""
+    return 2.0 * math.sqrt(2.0) * math.sin(0.5 * math.radians(angle_deg))
+
+
+@compiled
+def _distinct(T: FloatArray, keep: int, chord: float, distance: float) -> IntArray:
+    """Rows of poses (K, 4, 4), the first ones that are near none before them."""
+    kept = np.empty(min(keep, len(T)), np.int64)
+    count = 0
+    for i in range(len(T)):
+        if count == len(kept):
             break
-        if not covered[i]:
-            kept.append(i)
-            covered |= near[i]
-    return order[torch.tensor(kept, dtype=torch.long)]
+        new = True
+        for k in range(count):
+            if _near(T[i], T[kept[k]], chord, distance):
+                new = False
+                break
+        if new:
+            kept[count] = i
+            count += 1
+    return kept[:count]
+
+
+@compiled
+def _near(T: FloatArray, S: FloatArray, chord: float, distance: float) -> bool:
+    turned = apart = 0.0
+    for a in range(3):
+        apart += (T[a, 3] - S[a, 3]) ** 2
+        for b in range(3):
+            turned += (T[a, b] - S[a, b]) ** 2
+    return turned < chord * chord and apart < distance * distance

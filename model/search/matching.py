@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
+import numpy.typing as npt
 import torch
 from torch import Tensor
 
 from model.cloud_function import CloudFunction
+from model.compiled import compiled
 from model.se3 import closest_rotation, pose_matrix
 from model.search.consensus import MatchedPoints
+
+Array32 = npt.NDArray[np.float32]
 
 
 def matched_points(target: CloudFunction, source: CloudFunction, groups: int) -> MatchedPoints:
@@ -67,7 +73,24 @@ def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> T
 
 def invariants(cloud: CloudFunction) -> Tensor:
     """Upper triangle of FᵀF, normalised, (B, N, C(C+1)/2): the features without their direction."""
-    f = cloud.features
-    rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
-    gram = (f.transpose(-1, -2) @ f)[..., rows, columns]
-    return torch.nn.functional.normalize(gram, dim=-1)
+    return torch.from_numpy(np.stack([_triangles(f) for f in cloud.features.numpy()]))
+
+
+@compiled
+def _triangles(features: Array32) -> Array32:
+    """Of one cloud's features (N, 3, C), (N, C(C+1)/2)."""
+    n, C = features.shape[0], features.shape[2]
+    out = np.empty((n, C * (C + 1) // 2), np.float32)
+    for i in range(n):
+        total, first = np.float32(1e-24), 0
+        for a in range(C):
+            f0, f1, f2 = features[i, 0, a], features[i, 1, a], features[i, 2, a]
+            for b in range(a, C):
+                at = first + b - a
+                out[i, at] = (
+                    f0 * features[i, 0, b] + f1 * features[i, 1, b] + f2 * features[i, 2, b]
+                )
+                total += out[i, at] * out[i, at]
+            first += C - a
+        out[i] /= math.sqrt(total)
+    return out

@@ -116,11 +116,16 @@ class SurfaceCloud:
         """Give back the memory of what is made again when it is asked for."""
         self._known.clear()
 
-    def select(self, index: npt.NDArray[np.int64]) -> SurfaceCloud:
-        """Some of its points, with the normals they have among all."""
-        spacing = self.spacing
-        if len(index) < len(self.arrays.points):
-            spacing = surface_spacing(self.arrays.points[index])
+    def select(self, index: npt.NDArray[np.int64], spacing: float | None = None) -> SurfaceCloud:
+        """Some of its points, with the normals they have among all.
+
+        Args:
+            index: rows.
+            spacing: theirs, if it is known or won't be asked for.
+        """
+        if spacing is None:
+            fewer = len(index) < len(self.arrays.points)
+            spacing = surface_spacing(self.arrays.points[index]) if fewer else self.spacing
         return SurfaceCloud(ordered(self.arrays, index), spacing, self.roughness)
 
     def with_features(self, features: npt.NDArray[np.float32]) -> SurfaceCloud:

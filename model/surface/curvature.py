@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from model.compiled import compiled
+from model.side_by_side import side_by_side
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.cloud import CellView
@@ -52,11 +53,13 @@ class SurfaceCurvature:
         """
         cut = _WIDER * cut
         here = surface_moments(pairs, target, source, T, lengthscale, across, cut)
-        H = np.empty((6, 6))
-        for axis, delta in enumerate(_STEP * np.eye(6)):
+
+        def changed_along(delta: FloatArray) -> FloatArray:
             T_ahead = retracted(T, delta)
             ahead = surface_moments(pairs, target, source, T_ahead, lengthscale, across, cut)
-            H[:, axis] = (ahead.gradient - here.gradient) / _STEP
+            return (ahead.gradient - here.gradient) / _STEP
+
+        H = np.stack(side_by_side(changed_along, _STEP * np.eye(6)), axis=1)
         return cls(here.value, here.gradient, 0.5 * (H + H.T))
 
 

@@ -9,6 +9,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from model.compiled import compiled
+from model.profile import gaussian
+from model.surface.axes import least_axis
 from model.surface.cells import Cells, FloatArray, cells_of, runs_around
 
 # A Poisson sample of density λ has its sixth neighbour at √(6/πλ) on average.
@@ -69,7 +71,7 @@ def _normals(cells: Cells, reach: float, sigma: float) -> tuple[FloatArray, Floa
     x = cells.points
     out, heights = np.zeros_like(x), np.zeros(len(x))
     runs = np.empty((9, 2), np.int64)
-    C = np.empty((3, 3))
+    inverse2 = 1.0 / (sigma * sigma)
     for i in range(len(x)):
         w_sum = s0 = s1 = s2 = c00 = c01 = c02 = c11 = c12 = c22 = 0.0
         near = 0
@@ -79,7 +81,7 @@ def _normals(cells: Cells, reach: float, sigma: float) -> tuple[FloatArray, Floa
                 distance2 = d0 * d0 + d1 * d1 + d2 * d2
                 if distance2 > reach * reach:
                     continue
-                w = math.exp(-0.5 * distance2 / (sigma * sigma))
+                w = gaussian(distance2 * inverse2)
                 near += 1
                 w_sum += w
                 s0, s1, s2 = s0 + w * d0, s1 + w * d1, s2 + w * d2
@@ -88,15 +90,14 @@ def _normals(cells: Cells, reach: float, sigma: float) -> tuple[FloatArray, Floa
         if near < _FEWEST:
             continue
         s0, s1, s2 = s0 / w_sum, s1 / w_sum, s2 / w_sum
-        C[0, 0], C[1, 1], C[2, 2] = (
+        n0, n1, n2 = least_axis(
             c00 / w_sum - s0 * s0,
+            c01 / w_sum - s0 * s1,
+            c02 / w_sum - s0 * s2,
             c11 / w_sum - s1 * s1,
+            c12 / w_sum - s1 * s2,
             c22 / w_sum - s2 * s2,
         )
-        C[0, 1] = C[1, 0] = c01 / w_sum - s0 * s1
-        C[0, 2] = C[2, 0] = c02 / w_sum - s0 * s2
-        C[1, 2] = C[2, 1] = c12 / w_sum - s1 * s2
-        _, axes = np.linalg.eigh(C)
-        out[i] = axes[:, 0]
-        heights[i] = abs(axes[0, 0] * s0 + axes[1, 0] * s1 + axes[2, 0] * s2)
+        out[i, 0], out[i, 1], out[i, 2] = n0, n1, n2
+        heights[i] = abs(n0 * s0 + n1 * s1 + n2 * s2)
     return out, heights
