@@ -80,8 +80,8 @@ class SurfaceStage:
     ) -> Solved:
         """See LastStage."""
         x, z = target.dense, source.dense
-        if not self.features:
-            x, z = x.without_features(), z.without_features()
+        if self.features:
+            x, z = target.dense_with_features(), source.dense_with_features()
         found = self.loop.solve(x, z, T, stop)
         own = found.products
 

@@ -24,7 +24,7 @@ class PreparedCloud:
     """One cloud of a pair, in the frame it is solved in.
 
     Attributes:
-        dense: up to ``dense_points`` points for the last stage.
+        dense: up to ``dense_points`` points for the last stage, without features.
         sparse: up to ``points`` of them for the search, with the encoder's features.
         function: the same points as ``sparse`` in the RKHS of the paper's kernel.
         note: how the cloud was reduced, in words; empty where it wasn't.
@@ -67,11 +67,20 @@ class PreparedCloud:
         function = _encoded(points[chosen], labels, chosen, encode)
         features = function.features[0].numpy()
         sparse = dense.select(chosen).with_features(features)
-        if len(chosen) < len(points):
-            # The nearest encoded point lends its vectors: they turn with the cloud as its own do.
-            _, nearest = KDTree(points[chosen]).query(points)
-            features = features[nearest]
-        return cls(dense.with_features(features), sparse, function, note)
+        return cls(dense, sparse, function, note)
+
+    def dense_with_features(self) -> SurfaceCloud:
+        """The points of the last stage with features; made once.
+
+        The nearest encoded point lends its vectors: they turn with the cloud as its own do.
+        """
+
+        def lent() -> SurfaceCloud:
+            x = self.sparse.arrays.points
+            _, nearest = KDTree(x).query(self.dense.arrays.points)
+            return self.dense.with_features(self.function.features[0].numpy()[nearest])
+
+        return self.dense.remembered("with features", lent)
 
     @property
     def nbytes(self) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -14,7 +15,9 @@ from model.surface.arrays import SurfaceArrays, ordered
 from model.surface.cells import Cells, FloatArray, IntArray, cells_of
 from model.surface.patches import Patches, surface_spacing
 
-_NEIGHBOURS = 6
+MOST_NEIGHBOURS = 40
+# Cells of one size serve every reach that is smaller by less than this factor.
+_COARSER = 1.2
 _REMEMBERED = 16
 
 Value = TypeVar("Value")
@@ -78,24 +81,37 @@ class SurfaceCloud:
         return cls(arrays, patches.spacing, patches.roughness)
 
     def at(self, reach: float) -> CellView:
-        """The cloud in cells as large as ``reach``; made once."""
+        """The cloud in cells of at least ``reach``; made once for all that are nearly as large."""
+        steps = math.ceil(math.log(reach / self.spacing) / math.log(_COARSER) - 1e-9)
 
         def view() -> CellView:
-            cells = cells_of(self.arrays.points, reach)
+            cells = cells_of(self.arrays.points, self.spacing * _COARSER**steps)
             return CellView(cells, ordered(self.arrays, cells.order))
 
-        return self.remembered(("view", reach), view)
+        return self.remembered(("view", steps), view)
 
-    def neighbours(self, reach: float) -> IntArray:
-        """(N, k) the nearest other points of each, as rows of ``at(reach)``; found once."""
+    def neighbours(self, reach: float, count: int) -> IntArray:
+        """(N, k) the nearest other points of each, the nearest first, as rows of ``at(reach)``.
 
-        def neighbours() -> IntArray:
-            points = self.at(reach).arrays.points
-            k = min(_NEIGHBOURS, len(points) - 1)
+        Args:
+            reach: of the view.
+            count: k, or fewer in a cloud of fewer points.
+        """
+        order = self.at(reach).cells.order
+        place = np.empty(len(order), np.int64)
+        place[order] = np.arange(len(order))
+        return np.ascontiguousarray(place[self._nearest()[order, :count]])
+
+    def _nearest(self) -> IntArray:
+        """(N, ≤ MOST_NEIGHBOURS) rows of the nearest others in the given order; found once."""
+
+        def nearest() -> IntArray:
+            points = self.arrays.points
+            k = min(MOST_NEIGHBOURS, len(points) - 1)
             _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
-            return np.ascontiguousarray(index, np.int64)
+            return np.asarray(index, np.int64)
 
-        return self.remembered(("neighbours", reach), neighbours)
+        return self.remembered("nearest", nearest)
 
     def remembered(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What was made for this key, or is made now; the cloud itself doesn't change.

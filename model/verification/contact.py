@@ -7,20 +7,19 @@ from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
-from scipy.spatial import KDTree
 
 from model.compiled import compiled
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, FloatArray, IntArray, nearest_to
-from model.surface.cloud import SurfaceCloud
+from model.surface.cloud import MOST_NEIGHBOURS, SurfaceCloud
 from model.surface.rigid import moved, turned
 
 # Neighbours in the other cloud are sought this far, in spacings.
 REACH = 3.0
 # Beyond this a neighbour's normal and features say nothing.
 _RELATED = 2.0
-# Neighbours in the own cloud: of its edge and of a small mean, and of a wide one.
-_SMALL, _WIDE = 12, 40
+# Neighbours in the own cloud: of its edge and of a small mean; a wide one has all that are known.
+_SMALL = 12
 # A close look takes about this many points of each cloud.
 POINTS = 192
 
@@ -61,14 +60,10 @@ def surroundings(cloud: SurfaceCloud, reach: float) -> Surroundings:
     """Of the points in the order of ``cloud.at(reach)``; found once."""
 
     def found() -> Surroundings:
-        points = cloud.at(reach).arrays.points
-        k = min(_WIDE, len(points) - 1)
-        index = np.asarray(KDTree(points).query(points, k=list(range(2, k + 2)))[1], np.int64)
+        points, index = cloud.at(reach).arrays.points, cloud.neighbours(reach, MOST_NEIGHBOURS)
         offsets = points[index[:, :_SMALL]] - points[:, None]
         size = np.linalg.norm(offsets, axis=2).mean(axis=1, keepdims=True)
-        return Surroundings(
-            np.ascontiguousarray(index), -offsets.mean(axis=1) / np.maximum(size, 1e-12)
-        )
+        return Surroundings(index, -offsets.mean(axis=1) / np.maximum(size, 1e-12))
 
     return cloud.remembered(("surroundings", reach), found)
 

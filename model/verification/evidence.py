@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -22,6 +23,8 @@ _NEAR, _CLOSE = 1.0, 0.5
 # A point lies on the other surface when its neighbour is near, faces alike, and is not above it.
 _FACING, _ABOVE = 0.8, 0.3
 _PER_SIDE = 9
+# Neighbours in the own cloud that tell a patch from strewn points.
+_BESIDE = 6
 # Log-odds that a pose loses where no neighbour has a label in common.
 _LABEL_WEIGHT = 20.0
 
@@ -97,7 +100,10 @@ class Evidence:
         spacing = max(target.spacing, source.spacing)
         reach = REACH * spacing
         fixed, moving = target.at(reach), source.at(reach)
-        beside_fixed, beside_moving = target.neighbours(reach), source.neighbours(reach)
+        beside_fixed, beside_moving = (
+            cloud.remembered(("beside", reach), partial(cloud.neighbours, reach, _BESIDE))
+            for cloud in (target, source)
+        )
         inverse = np.linalg.inv(T)
 
         def looked_at(k: int) -> FloatArray:

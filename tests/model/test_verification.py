@@ -59,7 +59,7 @@ def test_the_right_pose_has_the_better_evidence_and_no_number_is_off(cloud, pose
 
 def test_a_crop_leaves_one_gap_and_a_wrong_pose_many(cloud):
     points = cloud(4, 700).double().numpy()
-    beside = SurfaceCloud.of(points).neighbours(0.2)
+    beside = SurfaceCloud.of(points).neighbours(0.2, 6)
     x = SurfaceCloud.of(points).at(0.2).arrays.points
     cropped = x[:, 0] > np.quantile(x[:, 0], 0.3)
     strewn = np.random.default_rng(0).permutation(cropped)
