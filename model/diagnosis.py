@@ -12,14 +12,14 @@ import torch
 from model.degeneracy import degenerate_directions
 from model.inner_loop import Step
 from model.last_stage import Solved
-from model.options import Options
 from model.pair import Pair
+from model.pose_search import PoseSearch
 from model.result import Diagnostics, Iteration, RunnerUp
 from model.se3 import rotation_angle
-from model.search import KINDS, Candidates, Start, evidence_at
+from model.search import KINDS, Candidates
 from model.surface import SurfaceCloud
 from model.surface.meeting import nearest
-from model.verification import Judge, SurfaceAgreement, Verifier
+from model.verification import Verifier
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -59,9 +59,7 @@ class Diagnosis:
 
 
 def diagnose(
-    pair: Pair,
-    options: Options,
-    start: Start,
+    pose_search: PoseSearch,
     candidates: Candidates,
     solved: Solved,
     verifier: Verifier | None,
@@ -69,23 +67,20 @@ def diagnose(
     """Collect the evidence for and against the answer.
 
     Args:
-        pair: as it was solved.
-        options: of the registration.
-        start: the start poses.
+        pose_search: of the pair, with what the judge saw.
         candidates: what the search left, best first.
         solved: from the last stage.
         verifier: gives the probability; None where the artifact has none.
     """
+    pair, options = pose_search.pair, pose_search.options
     T, scale = solved.T_target_source, pair.frame.scale
     overlap = Overlap.of(pair.target.dense, pair.source.dense, T)
     shared = overlap.shared
     degenerate = degenerate_directions(
         pair.target.dense.arrays.points[shared], pair.target.dense.arrays.normals[shared]
     )
-    judge: Judge = verifier or SurfaceAgreement()
-    evidence = evidence_at(T[None], start, pair.target.sparse, pair.source.sparse, judge.CLOSELY)
-    log_odds = float(judge.log_odds(evidence)[0])
-    others = _runner_ups(pair, candidates, solved)
+    log_odds = float(pose_search.log_odds_at(T[None])[0])
+    others = _runner_ups(pose_search, candidates, solved)
     lead = log_odds - max(other.log_odds for other in others) if others else None
     labelled = pair.target.dense.arrays.labels.shape[1] > 0
     probability = None
@@ -119,7 +114,7 @@ def diagnose(
         "information": uncertainty.information.tolist(),
         "degenerate_directions": degenerate,
         "runner_ups": others,
-        "hypotheses": start.tried,
+        "hypotheses": candidates.tried,
         "won_by": _won_by(candidates, T),
         "solver": options.solver,
         "points_source": len(pair.source.dense.arrays.points),
@@ -170,21 +165,24 @@ class Overlap:
         )
 
 
-def _runner_ups(pair: Pair, candidates: Candidates, solved: Solved) -> list[RunnerUp]:
+def _runner_ups(pose_search: PoseSearch, candidates: Candidates, solved: Solved) -> list[RunnerUp]:
     """The candidates that lost, with their ρ, best first."""
+    pair = pose_search.pair
     T = candidates.hypotheses.T_target_source.double()
     answer = torch.from_numpy(solved.T_target_source)
     angle = rotation_angle(T[:, :3, :3], answer[:3, :3]).rad2deg()
     away = (T[:, :3, 3] - answer[:3, 3]).norm(dim=-1)
     others = torch.nonzero((angle > _SAME_ANGLE_DEG) | (away > _SAME_SPACINGS * pair.spacing))
+    chosen = others[:_RUNNER_UPS, 0]
+    log_odds = pose_search.log_odds_at(T[chosen].numpy())
     return [
         RunnerUp(
             T_target_source=pair.frame.pose_out(T[k].numpy()).tolist(),
             similarity=solved.similarity_at(T[k].numpy()),
             rotation_from_answer_deg=angle[k].item(),
-            log_odds=float(candidates.score[k]),
+            log_odds=float(odds),
         )
-        for k in others[:_RUNNER_UPS, 0].tolist()
+        for k, odds in zip(chosen.tolist(), log_odds, strict=True)
     ]
 
 

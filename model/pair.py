@@ -64,6 +64,7 @@ class PreparedTarget:
         counts = as_weights(weights, len(x), "target_weights")
         scale = extent(x - centre) if unit is None else as_unit(unit)
         cloud = prepare((x - centre) / scale, traits, counts, seed)
+        cloud.get_ready()
         return cls(x, traits, centre, scale, cloud, seed, counts)
 
     @property
@@ -74,8 +75,7 @@ class PreparedTarget:
 
     def forget(self) -> None:
         """Give back the memory of what is made again when it is asked for."""
-        self.cloud.dense.forget()
-        self.cloud.sparse.forget()
+        self.cloud.forget()
 
 
 @dataclass(frozen=True, slots=True)
@@ -159,6 +159,10 @@ class Pair:
         )
         target, source = side_by_side(lambda cloud: prepare(*cloud, seed), clouds)
         return cls(frame, target, source)
+
+    def wait(self) -> None:
+        """Until the features of both clouds are there; helpers begin with the target's."""
+        side_by_side(lambda cloud: cloud.encoding(), (self.source, self.target))
 
     @property
     def spacing(self) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import numpy.typing as npt
@@ -11,18 +11,22 @@ from model.options import Options
 from model.pair import Pair
 from model.search import (
     Candidates,
+    Hypotheses,
     Start,
-    evidence_at,
     flip_start,
     grid_start,
     is_among,
     matched_start,
     refine,
+    support_of,
 )
 from model.settings import RegistrarSettings
 from model.verification import Evidence, Judge
 
 FloatArray = npt.NDArray[np.float64]
+
+# A match agrees with a pose that brings its points within about this many spacings.
+_SUPPORT_REACH = 0.8
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,28 +35,33 @@ class PoseSearch:
 
     Attributes:
         pair: encoded.
+        start: from ``hypothesise``.
         options: of the registration.
         settings: the artifact's.
         judge: scores evidence.
     """
 
     pair: Pair
+    start: Start
     options: Options
     settings: RegistrarSettings
     judge: Judge
+    _weighed: dict[bytes, float] = field(default_factory=dict, repr=False, compare=False)
 
-    def run(self, start: Start, thorough: bool = False) -> tuple[Start, Candidates]:
+    def run(self, thorough: bool = False) -> Candidates:
         """Refine the start poses; where a doubt is left, flips, more matches and a grid, too.
 
+        A local search has one start pose and nothing to choose: nobody looks at the features yet.
+
         Args:
-            start: from ``hypothesise``.
             thorough: whether to look at flips without a doubt, too.
 
         Returns:
-            the start poses of the last round, which know how many were looked at, and the
-            candidates of all rounds, best first.
+            the candidates of all rounds, best first.
         """
-        candidates = self._refined(start)
+        if self.options.search == "local":
+            return self._one_refined()
+        start, candidates = self.start, self._refined(self.start)
         settings = self.settings.hypotheses_for(self.options.search)
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
         if settings.flips and (thorough or self._doubtful(candidates)):
@@ -67,37 +76,62 @@ class PoseSearch:
                 spacing = self.pair.sparse_spacing
                 start = more(start, x.function, z.function, spacing, farthest, settings)
                 candidates = self._also(candidates, start)
-        return start, candidates
+        return candidates
 
-    def evidence_at(self, T: FloatArray, start: Start, closely: bool) -> Evidence:
+    def evidence_at(self, T: FloatArray, closely: bool) -> Evidence:
         """What speaks for poses (K, 4, 4)."""
-        return evidence_at(T, start, self.pair.target.sparse, self.pair.source.sparse, closely)
+        matches = self.start.matches
+        support = support_of(T, matches, _SUPPORT_REACH * self.pair.sparse_spacing)
+        x, z = self.pair.target.encoded.surface, self.pair.source.encoded.surface
+        return Evidence.of(x, z, T, support, len(matches.x), closely)
+
+    def log_odds_at(self, T: FloatArray) -> FloatArray:
+        """Of each of the poses (K, 4, 4) being right, by a close look, which is taken once."""
+        keys = [pose.tobytes() for pose in T]
+        new = [k for k, key in enumerate(keys) if key not in self._weighed]
+        if new:
+            evidence = self.evidence_at(T[new], self.judge.CLOSELY)
+            for k, log_odds in zip(new, self.judge.log_odds(evidence).tolist(), strict=True):
+                self._weighed[keys[k]] = log_odds
+        return np.array([self._weighed[key] for key in keys])
 
     def is_among(self, T: FloatArray, poses: FloatArray) -> bool:
         """Whether a pose (4, 4) is one of others (K, 4, 4) before its last steps.
 
         The judge tells basins apart, not a pose from the one that the last stage made of it.
         """
-        return is_among(T, poses, *self._merging())
+        return is_among(T, poses, *self.settings.search.merging(self.pair.sparse_spacing))
 
-    def _also(self, candidates: Candidates, start: Start) -> Candidates:
-        return candidates.joined(self._refined(start)).distinct(*self._merging())
-
-    def _merging(self) -> tuple[float, float]:
-        search = self.settings.search
-        return search.merge_angle_deg, search.merge_distance * self.pair.sparse_spacing
+    def _at_a_glance(self, T: FloatArray) -> FloatArray:
+        return self.judge.log_odds(self.evidence_at(T, closely=False))
 
     def _doubtful(self, candidates: Candidates) -> bool:
         late = self.options.deadline.passed()
         return bool(candidates.score[0] < self.judge.DOUBT) and not late
 
+    def _one_refined(self) -> Candidates:
+        refined = self._stepped(self.start)
+        compared = np.full(len(refined) - 1, -np.inf)
+        return Candidates(refined, np.concatenate([[0.0], compared]), self.start.tried)
+
     def _refined(self, start: Start) -> Candidates:
+        refined = self._stepped(start)
+        score = self.log_odds_at(refined.T_target_source.double().numpy())
+        return self._distinct(Candidates(refined, score, start.tried))
+
+    def _also(self, candidates: Candidates, start: Start) -> Candidates:
+        return self._distinct(candidates.joined(self._refined(start)))
+
+    def _distinct(self, candidates: Candidates) -> Candidates:
+        return candidates.distinct(*self.settings.search.merging(self.pair.sparse_spacing))
+
+    def _stepped(self, start: Start) -> Hypotheses:
         return refine(
             start,
             self.pair.target.sparse,
             self.pair.source.sparse,
             self.settings.search,
-            self.judge,
+            self._at_a_glance,
             self.options.max_rotation_deg,
             self.options.seed,
             self.options.deadline.passed,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -14,9 +14,35 @@ from torch import Tensor
 
 from model.cloud_function import CloudFunction
 from model.sampling import FloatArray, IntArray, scattered_subset, voxel_means
-from model.surface import SurfaceCloud
+from model.side_by_side import Promise
+from model.surface import SurfaceCloud, nearest_others
+from model.verification import edges
 
 Encode = Callable[[Tensor], Tensor]
+
+
+class Encoding(NamedTuple):
+    """What takes long to make, and nothing but the points of the search is needed for.
+
+    Attributes:
+        features: (1, n, 3, C).
+        nearest: (n, k) see ``nearest_others``.
+    """
+
+    features: Tensor
+    nearest: IntArray
+
+
+class Encoded(NamedTuple):
+    """The points of the search with the encoder's features.
+
+    Attributes:
+        surface: for the surface kernel and the judge.
+        function: in the RKHS of the paper's kernel.
+    """
+
+    surface: SurfaceCloud
+    function: CloudFunction
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,14 +51,14 @@ class PreparedCloud:
 
     Attributes:
         dense: up to ``dense_points`` points for the last stage, without features.
-        sparse: up to ``points`` of them for the search, with the encoder's features.
-        function: the same points as ``sparse`` in the RKHS of the paper's kernel.
+        sparse: up to ``points`` of them for the search, without features.
+        encoding: of those, made while nobody asks for it yet.
         note: how the cloud was reduced, in words; empty where it wasn't.
     """
 
     dense: SurfaceCloud
     sparse: SurfaceCloud
-    function: CloudFunction
+    encoding: Promise[Encoding]
     note: str
 
     @classmethod
@@ -46,7 +72,7 @@ class PreparedCloud:
         seed: int,
         weights: FloatArray | None = None,
     ) -> PreparedCloud:
-        """Reduce, fit normals, encode.
+        """Reduce, begin to encode, fit normals.
 
         Args:
             points: (N, 3) in the frame.
@@ -62,12 +88,29 @@ class PreparedCloud:
             given = len(points)
             points, labels, weights = _reduced(points, labels, weights, most_dense)
             note = f"{given:,} points reduced to {len(points):,} means of voxels"
-        dense = SurfaceCloud.of(points, labels=labels, weights=weights)
         chosen = scattered_subset(points, most, seed)
-        function = _encoded(points[chosen], labels, chosen, encode)
-        features = function.features[0].numpy()
-        sparse = dense.select(chosen).with_features(features)
-        return cls(dense, sparse, function, note)
+        few = points[chosen]
+        encoding = Promise(lambda: _encoding(few, encode))
+        dense = SurfaceCloud.of(points, labels=labels, weights=weights)
+        return cls(dense, dense.select(chosen), encoding, note)
+
+    @property
+    def encoded(self) -> Encoded:
+        """The points of the search with features; waits for these, and is made once."""
+
+        def encoded() -> Encoded:
+            arrays, (features, nearest) = self.sparse.arrays, self.encoding()
+            x = torch.from_numpy(arrays.points).float()[None]
+            labels = torch.from_numpy(arrays.labels).float()[None]
+            function = CloudFunction.of(x, features, labels=labels if labels.numel() else None)
+            return Encoded(self.sparse.with_features(features[0].numpy(), nearest), function)
+
+        return self.sparse.remembered("encoded", encoded)
+
+    @property
+    def function(self) -> CloudFunction:
+        """The points of the search in the RKHS of the paper's kernel."""
+        return self.encoded.function
 
     def dense_with_features(self) -> SurfaceCloud:
         """The points of the last stage with features; made once.
@@ -78,7 +121,7 @@ class PreparedCloud:
         def lent() -> SurfaceCloud:
             x = self.sparse.arrays.points
             _, nearest = KDTree(x).query(self.dense.arrays.points)
-            return self.dense.with_features(self.function.features[0].numpy()[nearest])
+            return self.dense.with_features(self.encoding().features[0].numpy()[nearest])
 
         return self.dense.remembered("with features", lent)
 
@@ -86,8 +129,18 @@ class PreparedCloud:
     def nbytes(self) -> int:
         """Memory that it holds."""
         arrays: list[npt.NDArray[Any]] = [*self.dense.arrays, *self.sparse.arrays]
-        tensors = self.function.points.nbytes + self.function.features.nbytes
-        return int(sum(array.nbytes for array in arrays) + tensors)
+        encoding = self.encoding()
+        ready = encoding.features.nbytes + encoding.nearest.nbytes
+        return int(sum(array.nbytes for array in arrays) + ready)
+
+    def get_ready(self) -> None:
+        """Have made at once what a judge asks for whatever the other cloud is."""
+        edges(self.encoded.surface)
+
+    def forget(self) -> None:
+        """Give back the memory of what is made again when it is asked for."""
+        self.dense.forget()
+        self.sparse.forget()
 
 
 def _reduced(
@@ -103,10 +156,7 @@ def _reduced(
     return means, None if labels is None else both[:, 1:], both[:, 0]
 
 
-def _encoded(
-    points: FloatArray, labels: FloatArray | None, chosen: IntArray, encode: Encode
-) -> CloudFunction:
-    x = torch.from_numpy(np.ascontiguousarray(points)).float()[None]
-    traits = None if labels is None else torch.from_numpy(labels[chosen]).float()[None]
+def _encoding(points: FloatArray, encode: Encode) -> Encoding:
     with torch.no_grad():
-        return CloudFunction.of(x, encode(x), labels=traits)
+        features = encode(torch.from_numpy(points).float()[None])
+    return Encoding(features, nearest_others(points))

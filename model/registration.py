@@ -22,7 +22,7 @@ from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.pose_search import PoseSearch
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import Candidates, Start, hypothesise
+from model.search import Candidates, given_start, hypothesise
 from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
 from model.verification import Examination, Judge, SurfaceAgreement
@@ -108,14 +108,13 @@ class Registrar:
         given = GivenPair.checked(source, target, source_labels, target_labels)
         pair = self._encode(given, options)
         stopwatch.lap("encode")
-        start = self._hypothesise(pair, options)
+        pose_search = self._hypothesise(pair, options)
         stopwatch.lap("hypothesise")
-        pose_search = self._pose_search(pair, options)
-        start, candidates = pose_search.run(start)
+        candidates = pose_search.run()
         stopwatch.lap("search")
-        solved = self._solve(pose_search, start, candidates)
+        solved = self._solve(pose_search, candidates)
         stopwatch.lap("solve")
-        found = diagnose(pair, options, start, candidates, solved, self.artifact.verifier)
+        found = diagnose(pose_search, candidates, solved, self.artifact.verifier)
         stopwatch.lap("diagnose")
         return self._result(pair, found, stopwatch)
 
@@ -132,16 +131,15 @@ class Registrar:
         """
         options = Options.checked(None, 180.0, seed, self.artifact.settings.solver)
         pair = self._encode(GivenPair.checked(source, target, None, None), options)
-        start = self._hypothesise(pair, options)
-        pose_search = self._pose_search(pair, options)
-        start, candidates = pose_search.run(start, thorough=True)
-        T = self._solve(pose_search, start, candidates).T_target_source
-        evidence = pose_search.evidence_at(T[None], start, True)
+        pose_search = self._hypothesise(pair, options)
+        candidates = pose_search.run(thorough=True)
+        T = self._solve(pose_search, candidates).T_target_source
+        evidence = pose_search.evidence_at(T[None], closely=True)
         log_odds = float(self._judge.log_odds(evidence)[0])
         others = candidates.score[1:]
         return Examination(
             np.stack([pair.frame.pose_out(P) for P in candidates.poses]),
-            pose_search.evidence_at(candidates.poses, start, True),
+            pose_search.evidence_at(candidates.poses, closely=True),
             pair.frame.pose_out(T),
             evidence,
             log_odds,
@@ -217,24 +215,23 @@ class Registrar:
     def _encode(self, given: GivenPair, options: Options) -> Pair:
         settings = self.artifact.settings
         most = settings.points if options.search == "global" else settings.local_points
-        return Pair.of(given, self._prepare_with(most), options.seed)
+        pair = Pair.of(given, self._prepare_with(most), options.seed)
+        if settings.hypotheses_for(options.search).compares_features:
+            pair.wait()
+        return pair
 
-    def _hypothesise(self, pair: Pair, options: Options) -> Start:
-        return hypothesise(
-            pair.target.function,
-            pair.source.function,
-            self._groups,
-            pair.sparse_spacing,
-            pair.initial(options.initial),
-            options.max_rotation_deg,
-            self.artifact.settings.hypotheses_for(options.search),
-            options.seed,
-        )
+    def _hypothesise(self, pair: Pair, options: Options) -> PoseSearch:
+        settings = self.artifact.settings
+        wanted = settings.hypotheses_for(options.search)
+        guess, farthest = pair.initial(options.initial), options.max_rotation_deg
+        if wanted.compares_features:
+            x, z, spacing = pair.target.function, pair.source.function, pair.sparse_spacing
+            start = hypothesise(x, z, self._groups, spacing, guess, farthest, wanted, options.seed)
+        else:
+            start = given_start(guess, farthest, wanted)
+        return PoseSearch(pair, start, options, settings, self._judge)
 
-    def _pose_search(self, pair: Pair, options: Options) -> PoseSearch:
-        return PoseSearch(pair, options, self.artifact.settings, self._judge)
-
-    def _solve(self, pose_search: PoseSearch, start: Start, candidates: Candidates) -> Solved:
+    def _solve(self, pose_search: PoseSearch, candidates: Candidates) -> Solved:
         """Solve the contenders, let the judge decide; the caller's guess is one of them."""
         pair, options = pose_search.pair, pose_search.options
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
@@ -242,7 +239,7 @@ class Registrar:
 
         def solve(T: FloatArray) -> Solved:
             found = stage.solve(pair.target, pair.source, T, stop)
-            if start.allows(found.T_target_source, options.max_rotation_deg):
+            if pose_search.start.allows(found.T_target_source, options.max_rotation_deg):
                 return found
             return stage.solve(pair.target, pair.source, T, always)
 
@@ -253,8 +250,7 @@ class Registrar:
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
-        evidence = pose_search.evidence_at(np.stack(poses), start, self._judge.CLOSELY)
-        best = int(self._judge.log_odds(evidence).argmax())
+        best = int(pose_search.log_odds_at(np.stack(poses)).argmax())
         if best < len(solved):
             return solved[best]
         return stage.solve(pair.target, pair.source, poses[best], always)

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from functools import cache
 from itertools import count
-from typing import Any, TypeVar
+from threading import Lock
+from typing import Any, Generic, TypeVar
 
 import torch
 
@@ -44,17 +45,41 @@ def side_by_side(function: Callable[[Given], Made], items: Iterable[Given]) -> l
 
 def run_together(first: Callable[[], Made], second: Callable[[], Other]) -> tuple[Made, Other]:
     """``first(), second()``, at once where there are two threads."""
-    if torch.get_num_threads() < 2:
-        return first(), second()
-    other = _helpers().submit(second)
-    made = first()
-    return made, second() if other.cancel() else other.result()
+    other = Promise(second)
+    return first(), other()
+
+
+class Promise(Generic[Made]):
+    """What another thread makes meanwhile, if one is free; or else whoever asks for it.
+
+    Args:
+        make: is called once.
+    """
+
+    def __init__(self, make: Callable[[], Made]) -> None:
+        self._make = make
+        self._asking = Lock()
+        self._made: list[Made] = []
+        several = torch.get_num_threads() > 1
+        self._begun: Future[Made] | None = _helpers().submit(make) if several else None
+
+    def __call__(self) -> Made:
+        """Wait for it, or make it."""
+        with self._asking:
+            if not self._made:
+                begun, self._begun = self._begun, None
+                mine = begun is None or begun.cancel()
+                self._made.append(self._make() if mine or begun is None else begun.result())
+        return self._made[0]
 
 
 @cache
 def _helpers() -> ThreadPoolExecutor:
-    """Threads that live as long as the process: to start one takes longer than many an item."""
-    return ThreadPoolExecutor(os.cpu_count(), thread_name_prefix="side-by-side")
+    """Threads that live as long as the process: to start one takes longer than many an item.
+
+    One core is left to whoever has the work done.
+    """
+    return ThreadPoolExecutor(max(1, (os.cpu_count() or 1) - 1), "side-by-side")
 
 
 # A forked child has no threads but the one that forked.

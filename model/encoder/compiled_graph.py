@@ -221,13 +221,15 @@ def _turned(mixed_f: Array32, mixed_h: Array32, balls: int) -> Array32:
     """(≥ D + 3 C, R N): what each ball averages, invariants before vectors, point after point."""
     n = len(mixed_h)
     D, C = mixed_h.shape[1] // (1 + balls), mixed_f.shape[1] // (1 + balls)
-    out = np.zeros((-(-(D + 3 * C) // 4) * 4, balls * n), np.float32)
+    out = np.empty((-(-(D + 3 * C) // 4) * 4, balls * n), np.float32)
+    out[D + 3 * C :] = 0.0
     for r in range(balls):
-        for i in range(n):
-            for k in range(D):
+        for k in range(D):
+            for i in range(n):
                 out[k, r * n + i] = mixed_h[i, (r + 1) * D + k]
-            for a in range(3):
-                for c in range(C):
+        for a in range(3):
+            for c in range(C):
+                for i in range(n):
                     out[D + a * C + c, r * n + i] = mixed_f[3 * i + a, (r + 1) * C + c]
     return out
 

@@ -1,11 +1,13 @@
 """Global search: start poses, and the few of them worth solving."""
 
-from model.search.candidates import Candidates, SearchSettings, evidence_at, refine
+from model.search.candidates import Candidates, SearchSettings, refine
+from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, is_among, within
 from model.search.hypothesise import (
     HypothesisSettings,
     Start,
     flip_start,
+    given_start,
     grid_start,
     hypothesise,
     matched_start,
@@ -18,12 +20,13 @@ __all__ = [
     "HypothesisSettings",
     "SearchSettings",
     "Start",
-    "evidence_at",
     "flip_start",
+    "given_start",
     "grid_start",
     "hypothesise",
     "is_among",
     "matched_start",
     "refine",
+    "support_of",
     "within",
 ]

@@ -10,18 +10,17 @@ import numpy.typing as npt
 import torch
 
 from model.sampling import scattered_subset
-from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
 from model.side_by_side import side_by_side
 from model.surface import VIEW, SurfaceArrays, SurfaceCloud, descend
-from model.verification import Evidence, Judge
 
 FloatArray = npt.NDArray[np.float64]
 Stop = Callable[[], bool]
+# (K, 4, 4) → (K,) log-odds.
+Weigh = Callable[[FloatArray], FloatArray]
 
 _TOLERANCE = 1e-4
-_SUPPORT_REACH = 0.8
 # Candidates this close in log-odds to the best one are all solved, up to so many.
 _CLOSE, _CONTENDERS = 1.0, 4
 
@@ -69,6 +68,10 @@ class SearchSettings:
     merge_angle_deg: float = 5.0
     merge_distance: float = 0.6
 
+    def merging(self, spacing: float) -> tuple[float, float]:
+        """The angle in degrees and the distance in the frame within which poses are one."""
+        return self.merge_angle_deg, self.merge_distance * spacing
+
 
 @dataclass(frozen=True, slots=True)
 class Candidates:
@@ -76,13 +79,14 @@ class Candidates:
 
     Attributes:
         hypotheses: refined; the caller's guess is also among them as it was.
-        evidence: for each.
-        score: (K,) the judge's, higher is better.
+        score: (K,) the judge's log-odds; 0 where there was nothing to choose, and −∞ for what is
+            only there to be compared with the answer.
+        tried: poses that were looked at to find these.
     """
 
     hypotheses: Hypotheses
-    evidence: Evidence
     score: FloatArray
+    tried: int
 
     @property
     def poses(self) -> FloatArray:
@@ -99,8 +103,8 @@ class Candidates:
         """Both, as they were judged; ``distinct`` sorts them."""
         return Candidates(
             Hypotheses.joined([self.hypotheses, other.hypotheses]),
-            self.evidence.joined(other.evidence),
             np.concatenate([self.score, other.score]),
+            max(self.tried, other.tried),
         )
 
     def distinct(self, merge_angle_deg: float, merge_distance: float) -> Candidates:
@@ -112,10 +116,7 @@ class Candidates:
             merge_angle_deg,
             merge_distance,
         )
-        rows = order.numpy()
-        return Candidates(
-            self.hypotheses.select(order), self.evidence.select(rows), self.score[rows]
-        )
+        return Candidates(self.hypotheses.select(order), self.score[order.numpy()], self.tried)
 
 
 def refine(
@@ -123,33 +124,36 @@ def refine(
     target: SurfaceCloud,
     source: SurfaceCloud,
     settings: SearchSettings,
-    judge: Judge,
+    weigh: Weigh,
     max_rotation_deg: float,
     seed: int,
     stop: Stop,
-) -> Candidates:
-    """Refine, judge, prune, merge.
+) -> Hypotheses:
+    """Steps, coarse to fine, of fewer and fewer poses.
 
     Args:
         start: at least one hypothesis.
-        target: N points.
-        source: M points.
+        target: N points without features.
+        source: M points without features.
         settings: of the search.
-        judge: scores evidence; see Verifier.
+        weigh: tells which poses are worth more steps.
         max_rotation_deg: from the first hypothesis; a pose beyond is refused.
         seed: chooses the source points.
         stop: asked between candidates; those that weren't reached stay as they were.
+
+    Returns:
+        the refined poses; the caller's guess comes last, as it was.
     """
     spacing = max(target.spacing, source.spacing)
-    geometry = target.without_features()
     hypotheses = start.hypotheses
     for level in settings.levels:
         if len(hypotheses) > level.kept:
             # Merged first, lest the best be one pose many times.
-            best = _judged(hypotheses, start, target, source, settings, judge, False)
+            score = weigh(hypotheses.T_target_source.double().numpy())
+            best = Candidates(hypotheses, score, 0).distinct(*settings.merging(spacing))
             hypotheses = best.hypotheses.select(torch.arange(len(best.score))[: level.kept])
-        moving = some_of(source, level.points, seed).without_features().arrays
-        fixed = some_of(geometry, level.target_points, seed)
+        moving = some_of(source, level.points, seed).arrays
+        fixed = some_of(target, level.target_points, seed)
         hypotheses = _stepped(hypotheses, fixed, moving, spacing, level, stop)
     centre = start.hypotheses.T_target_source[0]
     allowed = within(hypotheses, centre[:3, :3], max_rotation_deg + ROTATION_SLACK_DEG)
@@ -157,8 +161,8 @@ def refine(
     refined = hypotheses.select(allowed) if bool(allowed.any()) else start.hypotheses
     if start.hypotheses.kind[0] == KINDS.index("initial"):
         # The guess itself stays a candidate.
-        refined = Hypotheses.joined([start.hypotheses.select(torch.tensor([0])), refined])
-    return _judged(refined, start, target, source, settings, judge, judge.CLOSELY)
+        refined = Hypotheses.joined([refined, start.hypotheses.select(torch.tensor([0]))])
+    return refined
 
 
 def some_of(cloud: SurfaceCloud, points: int | None, seed: int) -> SurfaceCloud:
@@ -192,30 +196,3 @@ def _stepped(
 
     moved = np.stack(side_by_side(stepped, T))
     return hypotheses.moved_to(torch.from_numpy(moved).float())
-
-
-def _judged(
-    hypotheses: Hypotheses,
-    start: Start,
-    target: SurfaceCloud,
-    source: SurfaceCloud,
-    settings: SearchSettings,
-    judge: Judge,
-    closely: bool,
-) -> Candidates:
-    """Scored, best first, those that are nearly the same merged."""
-    T = hypotheses.T_target_source
-    evidence = evidence_at(T.double().numpy(), start, target, source, closely)
-    found = Candidates(hypotheses, evidence, judge.log_odds(evidence))
-    return found.distinct(
-        settings.merge_angle_deg, settings.merge_distance * max(target.spacing, source.spacing)
-    )
-
-
-def evidence_at(
-    T: FloatArray, start: Start, target: SurfaceCloud, source: SurfaceCloud, closely: bool
-) -> Evidence:
-    """What speaks for poses (K, 4, 4)."""
-    reach = _SUPPORT_REACH * max(target.spacing, source.spacing)
-    support = support_of(T, start.matches, reach)
-    return Evidence.of(target, source, T, support, len(start.matches.x), closely)

@@ -35,6 +35,11 @@ class MatchedPoints(NamedTuple):
     x: FloatArray
     z: FloatArray
 
+    @classmethod
+    def none(cls) -> MatchedPoints:
+        """No pairs."""
+        return cls(np.zeros((0, 3)), np.zeros((0, 3)))
+
 
 @dataclass(frozen=True, slots=True)
 class ConsensusSettings:

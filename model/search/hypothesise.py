@@ -67,6 +67,11 @@ class HypothesisSettings:
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
     grid_kept: int = 8
 
+    @property
+    def compares_features(self) -> bool:
+        """Whether any source of start poses looks at the features."""
+        return self.triplets or self.matches > 0
+
 
 @dataclass(frozen=True, slots=True)
 class Start:
@@ -106,7 +111,7 @@ def hypothesise(
     settings: HypothesisSettings,
     seed: int,
 ) -> Start:
-    """Collect the start poses but the grid's.
+    """Collect the start poses but flips and the grid's.
 
     Args:
         target: (1, N, …) in the normalised frame.
@@ -118,18 +123,10 @@ def hypothesise(
         settings: which sources there are.
         seed: of random draws.
     """
-    identity = torch.eye(4)
-    centre = identity if T_initial is None else T_initial.float()
-    parts: list[Hypotheses] = []
-    if T_initial is not None:
-        parts.append(Hypotheses.of_kind("initial", centre[None]))
-    if settings.identity or T_initial is None:
-        parts.append(Hypotheses.of_kind("identity", identity[None]))
-    tried = len(parts)
-    uses_features = settings.triplets or settings.matches > 0
+    given = given_start(T_initial, max_rotation_deg, settings)
 
     def agreed() -> tuple[MatchedPoints, Consensus]:
-        matches = matched_points(target, source, groups if uses_features else 0)
+        matches = matched_points(target, source, groups if settings.compares_features else 0)
         if not settings.triplets:
             return matches, Consensus.empty()
         return matches, consensus(matches, spacing, settings.consensus, seed)
@@ -139,13 +136,32 @@ def hypothesise(
     )
     matches, agreement = of_triplets
     poses, singles = of_single
-    parts.append(_of_kind("consensus", agreement.T_target_source))
-    parts.append(_of_kind("matched", fitted(poses, matches, spacing, settings.consensus)))
-    tried += agreement.tried + singles
-    every = Hypotheses.joined(parts)
-    allowed = within(every, centre[:3, :3], max_rotation_deg)
-    allowed[0] = True
-    return Start(every.select(allowed), matches, tried)
+    parts = [
+        given.hypotheses,
+        _of_kind("consensus", agreement.T_target_source),
+        _of_kind("matched", fitted(poses, matches, spacing, settings.consensus)),
+    ]
+    tried = given.tried + agreement.tried + singles
+    return Start(_allowed(Hypotheses.joined(parts), max_rotation_deg), matches, tried)
+
+
+def given_start(
+    T_initial: Tensor | None, max_rotation_deg: float, settings: HypothesisSettings
+) -> Start:
+    """The start poses that need no features: the caller's guess, and no motion.
+
+    Args:
+        T_initial: (4, 4) in the normalised frame, or None.
+        max_rotation_deg: how far from the guess no motion may turn.
+        settings: whether no motion joins a guess; without a guess it is all there is.
+    """
+    parts: list[Hypotheses] = []
+    if T_initial is not None:
+        parts.append(Hypotheses.of_kind("initial", T_initial.float()[None]))
+    if settings.identity or T_initial is None:
+        parts.append(Hypotheses.of_kind("identity", torch.eye(4)[None]))
+    hypotheses = _allowed(Hypotheses.joined(parts), max_rotation_deg)
+    return Start(hypotheses, MatchedPoints.none(), len(parts))
 
 
 def matched_start(
@@ -232,6 +248,14 @@ def _voted(
     single = matched_poses(target, source, matches)
     best = voted_poses(single, kept, spacing) if len(single) else single
     return best.double().numpy(), len(single)
+
+
+def _allowed(hypotheses: Hypotheses, max_rotation_deg: float) -> Hypotheses:
+    """The first, and those that turn no farther from it."""
+    centre = hypotheses.T_target_source[0, :3, :3]
+    allowed = within(hypotheses, centre, max_rotation_deg)
+    allowed[0] = True
+    return hypotheses.select(allowed)
 
 
 def _of_kind(kind: str, T: FloatArray) -> Hypotheses:

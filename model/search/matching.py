@@ -28,13 +28,13 @@ def matched_points(target: CloudFunction, source: CloudFunction, groups: int) ->
     rows, columns = [], []
     if groups and target.features.shape[-1]:
         for f, g in zip(target.grouped(groups), source.grouped(groups), strict=True):
-            likeness = invariants(f)[0] @ invariants(g)[0].T
+            likeness = _gram(f) @ _gram(g).T
             forth, back = likeness.argmax(1), likeness.argmax(0)
             mutual = torch.nonzero(back[forth] == torch.arange(len(forth)))[:, 0]
             rows.append(mutual)
             columns.append(forth[mutual])
     if not rows:
-        return MatchedPoints(np.zeros((0, 3)), np.zeros((0, 3)))
+        return MatchedPoints.none()
     x = target.points[0, torch.cat(rows)].double().numpy()
     z = source.points[0, torch.cat(columns)].double().numpy()
     return MatchedPoints(x, z)
@@ -57,7 +57,7 @@ def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> T
     """
     if target.features.shape[-1] == 0:
         return target.points.new_zeros(0, 4, 4)
-    likeness = invariants(target)[0] @ invariants(source)[0].T
+    likeness = _gram(target) @ _gram(source).T
     # Only matches that are the best of their row or of their column.
     best = (likeness == likeness.amax(1, keepdim=True)) | (
         likeness == likeness.amax(0, keepdim=True)
@@ -73,12 +73,20 @@ def matched_poses(target: CloudFunction, source: CloudFunction, count: int) -> T
 
 def invariants(cloud: CloudFunction) -> Tensor:
     """Upper triangle of FᵀF, normalised, (B, N, C(C+1)/2): the features without their direction."""
-    return torch.from_numpy(np.stack([_triangles(f) for f in cloud.features.numpy()]))
+    f = cloud.features
+    rows, columns = torch.triu_indices(f.shape[-1], f.shape[-1])
+    gram = (f.transpose(-1, -2) @ f)[..., rows, columns]
+    return torch.nn.functional.normalize(gram, dim=-1)
+
+
+def _gram(cloud: CloudFunction) -> Tensor:
+    """``invariants`` of one cloud without a gradient, (N, C(C+1)/2)."""
+    return torch.from_numpy(compiled_invariants(cloud.features[0].numpy()))
 
 
 @compiled
-def _triangles(features: Array32) -> Array32:
-    """Of one cloud's features (N, 3, C), (N, C(C+1)/2)."""
+def compiled_invariants(features: Array32) -> Array32:
+    """``invariants`` of features (N, 3, C), (N, C(C+1)/2)."""
     n, C = features.shape[0], features.shape[2]
     out = np.empty((n, C * (C + 1) // 2), np.float32)
     for i in range(n):

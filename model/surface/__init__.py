@@ -2,7 +2,7 @@
 
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, cells_of
-from model.surface.cloud import CellView, SurfaceCloud
+from model.surface.cloud import CellView, SurfaceCloud, nearest_others
 from model.surface.curvature import SurfaceCurvature, newton_polish
 from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
@@ -28,6 +28,7 @@ __all__ = [
     "cells_of",
     "descend",
     "near_pairs",
+    "nearest_others",
     "newton_polish",
     "surface_moments",
     "surface_product",

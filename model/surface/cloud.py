@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Hashable
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -23,8 +23,7 @@ _REMEMBERED = 16
 Value = TypeVar("Value")
 
 
-@dataclass(frozen=True, slots=True)
-class CellView:
+class CellView(NamedTuple):
     """The cloud in the order of cells of one size.
 
     Attributes:
@@ -100,18 +99,11 @@ class SurfaceCloud:
         order = self.at(reach).cells.order
         place = np.empty(len(order), np.int64)
         place[order] = np.arange(len(order))
-        return np.ascontiguousarray(place[self._nearest()[order, :count]])
+        return np.ascontiguousarray(place[self.nearest()[order, :count]])
 
-    def _nearest(self) -> IntArray:
+    def nearest(self) -> IntArray:
         """(N, ≤ MOST_NEIGHBOURS) rows of the nearest others in the given order; found once."""
-
-        def nearest() -> IntArray:
-            points = self.arrays.points
-            k = min(MOST_NEIGHBOURS, len(points) - 1)
-            _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
-            return np.asarray(index, np.int64)
-
-        return self.remembered("nearest", nearest)
+        return self.remembered("nearest", lambda: nearest_others(self.arrays.points))
 
     def remembered(self, key: Hashable, make: Callable[[], Value]) -> Value:
         """What was made for this key, or is made now; the cloud itself doesn't change.
@@ -144,12 +136,23 @@ class SurfaceCloud:
             spacing = surface_spacing(self.arrays.points[index]) if fewer else self.spacing
         return SurfaceCloud(ordered(self.arrays, index), spacing, self.roughness)
 
-    def with_features(self, features: npt.NDArray[np.float32]) -> SurfaceCloud:
-        """The same with features (N, 3, C)."""
+    def with_features(
+        self, features: npt.NDArray[np.float32], nearest: IntArray | None = None
+    ) -> SurfaceCloud:
+        """The same with features (N, 3, C), and with what ``nearest`` gives, if that is known."""
         flat = np.ascontiguousarray(features, np.float32).reshape(len(features), -1)
-        return SurfaceCloud(self.arrays._replace(features=flat), self.spacing, self.roughness)
+        known: dict[Hashable, Any] = {} if nearest is None else {"nearest": nearest}
+        arrays = self.arrays._replace(features=flat)
+        return SurfaceCloud(arrays, self.spacing, self.roughness, known)
 
     def without_features(self) -> SurfaceCloud:
         """The geometry and the labels alone."""
         none = np.zeros((len(self.arrays.points), 3, 0), np.float32)
         return self.remembered("without features", lambda: self.with_features(none))
+
+
+def nearest_others(points: FloatArray) -> IntArray:
+    """(N, ≤ MOST_NEIGHBOURS) rows of the nearest other points of each of (N, 3), nearest first."""
+    k = min(MOST_NEIGHBOURS, len(points) - 1)
+    _, index = KDTree(points).query(points, k=list(range(2, k + 2)))
+    return np.asarray(index, np.int64)

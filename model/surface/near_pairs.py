@@ -12,6 +12,8 @@ from model.compiled import compiled
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
 from model.surface.rigid import moved
 
+Rows = npt.NDArray[np.int32]
+
 # Pairs are listed out to this many times the kernel's end; the pose may move by the difference.
 SLACK = 1.25
 _FIRST_ROOM = 32
@@ -26,7 +28,7 @@ class NearPairs(NamedTuple):
     """
 
     start: IntArray
-    target: npt.NDArray[np.int32]
+    target: Rows
 
 
 @compiled
@@ -50,10 +52,7 @@ def near_pairs(
         y0, y1, y2 = moved(T, source, j)
         for run in range(runs_around(cells, y0, y1, y2, runs)):
             a, b = runs[run, 0], runs[run, 1]
-            if count + b - a > len(near):
-                larger = np.empty(2 * len(near) + b - a, np.int32)
-                larger[:count] = near[:count]
-                near = larger
+            near = _with_room(near, count, b - a)
             for p in range(a, b):
                 d0, d1, d2 = target[p, 0] - y0, target[p, 1] - y1, target[p, 2] - y2
                 near[count] = p
@@ -61,6 +60,41 @@ def near_pairs(
                 count += d0 * d0 + d1 * d1 + d2 * d2 <= reach2
         start[j + 1] = count
     return NearPairs(start, near[:count].copy())
+
+
+@compiled
+def own_pairs(cells: Cells, reach: float) -> NearPairs:
+    """All pairs of different points of one cloud, in cell order, nearer than ``reach``; each once.
+
+    Args:
+        cells: of the cloud, at least ``reach`` in size.
+        reach: of a pair.
+    """
+    x = cells.points
+    start = np.zeros(len(x) + 1, np.int64)
+    near = np.empty(_FIRST_ROOM * len(x), np.int32)
+    runs = np.empty((9, 2), np.int64)
+    count, reach2 = 0, reach * reach
+    for j in range(len(x)):
+        for run in range(runs_around(cells, x[j, 0], x[j, 1], x[j, 2], runs)):
+            a, b = max(runs[run, 0], j + 1), runs[run, 1]
+            near = _with_room(near, count, b - a)
+            for p in range(a, b):
+                d0, d1, d2 = x[p, 0] - x[j, 0], x[p, 1] - x[j, 1], x[p, 2] - x[j, 2]
+                near[count] = p
+                count += d0 * d0 + d1 * d1 + d2 * d2 <= reach2
+        start[j + 1] = count
+    return NearPairs(start, near[:count].copy())
+
+
+@compiled
+def _with_room(near: Rows, count: int, more: int) -> Rows:
+    """``near`` with room for ``more`` rows after the first ``count``."""
+    if count + more <= len(near):
+        return near
+    larger = np.empty(2 * len(near) + more, np.int32)
+    larger[:count] = near[:count]
+    return larger
 
 
 @compiled

@@ -13,7 +13,7 @@ from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.cloud import SurfaceCloud
 from model.surface.moments import REACH, VIEW
-from model.surface.near_pairs import NearPairs, longest_run, near_pairs
+from model.surface.near_pairs import NearPairs, longest_run, near_pairs, own_pairs
 from model.surface.pair_weight import compare_features, count_pairs, turn_features
 from model.surface.rigid import moved, turned
 
@@ -39,9 +39,17 @@ def surface_norms(
 
 def surface_norm(cloud: SurfaceCloud, ell: float, across: float) -> float:
     """⟨X,X⟩, taken once for each ℓ."""
-    return cloud.remembered(
-        ("norm", ell, across), lambda: surface_product(cloud, cloud, np.eye(4), ell, across)
-    )
+
+    def norm() -> float:
+        cut, still = REACH * ell, np.eye(4)
+        cells, arrays = cloud.at(VIEW * ell)
+        rows = np.arange(len(arrays.points) + 1)
+        alone = NearPairs(rows, rows[:-1].astype(np.int32))
+        pairs = own_pairs(cells, cut)
+        both = surface_sum(pairs, arrays, arrays, still, ell, across, cut)
+        return surface_sum(alone, arrays, arrays, still, ell, across, cut) + 2.0 * both
+
+    return cloud.remembered(("norm", ell, across), norm)
 
 
 def surface_product(

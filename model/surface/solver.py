@@ -10,6 +10,7 @@ import torch
 
 from model.inner_loop.solution import Step
 from model.kernel import InnerProducts
+from model.side_by_side import Promise, run_together
 from model.surface.cells import FloatArray
 from model.surface.cloud import SurfaceCloud
 from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
@@ -112,8 +113,10 @@ class SurfaceLoop:
         rounds = 0 if stop() else _NEWTON_STEPS
         T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
         block = _BLOCK * spacing
-        spread = pull_spread(view, source.arrays, T, ell, across, cut, block)
-        products = surface_products(target, source, T, ell, across)
+        products, spread = run_together(
+            lambda: surface_products(target, source, T, ell, across),
+            lambda: pull_spread(view, source.arrays, T, ell, across, cut, block),
+        )
         return SurfaceSolution(
             T, ell, across, (steady or small) and not stop(), steps, products, curvature, spread
         )
@@ -131,7 +134,7 @@ class SurfaceLoop:
     ) -> tuple[FloatArray, bool]:
         """Steps at one ℓ, recorded; tells whether they came to rest."""
         view = target.at(VIEW * ell)
-        own = surface_norms(target, source, ell, across)
+        own = Promise(lambda: surface_norms(target, source, ell, across))
         # A large cloud's steps take so long that ``stop`` is asked after each two.
         at_once = most if len(source.arrays.points) <= _SMALL else 2
         steady, taken = False, 0
@@ -142,7 +145,7 @@ class SurfaceLoop:
             T, steady = found.T_target_source, found.steady
             taken += at_once
             trace += [
-                _step(ell, own, value, delta)
+                _step(ell, own(), value, delta)
                 for value, delta in zip(found.values, found.deltas, strict=True)
             ]
         return T, steady

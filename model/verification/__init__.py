@@ -1,5 +1,6 @@
 """Which candidate is right, and how likely."""
 
+from model.verification.contact import edges
 from model.verification.evidence import NAMES, Evidence
 from model.verification.examination import Examination
 from model.verification.verifier import Judge, Perceptron, SurfaceAgreement, Verifier
@@ -12,4 +13,5 @@ __all__ = [
     "Perceptron",
     "SurfaceAgreement",
     "Verifier",
+    "edges",
 ]

@@ -60,12 +60,23 @@ def surroundings(cloud: SurfaceCloud, reach: float) -> Surroundings:
     """Of the points in the order of ``cloud.at(reach)``; found once."""
 
     def found() -> Surroundings:
-        points, index = cloud.at(reach).arrays.points, cloud.neighbours(reach, MOST_NEIGHBOURS)
-        offsets = points[index[:, :_SMALL]] - points[:, None]
-        size = np.linalg.norm(offsets, axis=2).mean(axis=1, keepdims=True)
-        return Surroundings(index, -offsets.mean(axis=1) / np.maximum(size, 1e-12))
+        index = cloud.neighbours(reach, MOST_NEIGHBOURS)
+        return Surroundings(index, edges(cloud)[cloud.at(reach).cells.order])
 
     return cloud.remembered(("surroundings", reach), found)
+
+
+def edges(cloud: SurfaceCloud) -> FloatArray:
+    """See Surroundings; in the given order, found once."""
+
+    def found() -> FloatArray:
+        points, index = cloud.arrays.points, cloud.nearest()
+        offsets = points[index[:, :_SMALL]] - points[:, None]
+        size = np.linalg.norm(offsets, axis=2).mean(axis=1, keepdims=True)
+        edge: FloatArray = -offsets.mean(axis=1) / np.maximum(size, 1e-12)
+        return edge
+
+    return cloud.remembered("edges", found)
 
 
 def contact(target: SurfaceCloud, source: SurfaceCloud, T: FloatArray) -> npt.NDArray[np.float32]:
