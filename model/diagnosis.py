@@ -89,7 +89,7 @@ def diagnose(
         if degenerate and not labelled:
             # However well the surfaces fit, one of endlessly many poses is the right one.
             probability = min(probability, _UNDETERMINED)
-    similarity = solved.products.similarity.item()
+    similarity = solved.similarity
     uncertainty = solved.uncertainty.in_unit(scale)
     late = options.deadline.passed()
     warnings = [

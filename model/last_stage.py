@@ -52,6 +52,11 @@ class Solved:
     uncertainty: Uncertainty
     similarity_at: Callable[[FloatArray], float]
 
+    @property
+    def similarity(self) -> float:
+        """ρ at ĥ and ℓ̂."""
+        return self.products.similarity.item()
+
 
 class LastStage(Protocol):
     """Solves from one pose."""

@@ -22,7 +22,7 @@ from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.pose_search import PoseSearch
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import Candidates, given_start, hypothesise
+from model.search import CLOSE, Candidates, given_start, hypothesise
 from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
 from model.verification import Examination, Judge, SurfaceAgreement
@@ -232,7 +232,11 @@ class Registrar:
         return PoseSearch(pair, start, options, settings, self._judge)
 
     def _solve(self, pose_search: PoseSearch, candidates: Candidates) -> Solved:
-        """Solve the contenders, let the judge decide; the caller's guess is one of them."""
+        """Solve the contenders, let the judge decide; the caller's guess is one of them.
+
+        A guess as it was wins if the judge clearly prefers it, or where it can't tell, if the
+        kernel does.
+        """
         pair, options = pose_search.pair, pose_search.options
         stage = last_stage(self.artifact.settings, options.solver, self._kernel)
         stop = options.deadline.passed
@@ -250,10 +254,13 @@ class Registrar:
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
-        best = int(pose_search.log_odds_at(np.stack(poses)).argmax())
-        if best < len(solved):
-            return solved[best]
-        return stage.solve(pair.target, pair.source, poses[best], always)
+        log_odds = pose_search.log_odds_at(np.stack(poses))
+        best = int(log_odds[: len(solved)].argmax())
+        answer = solved[best]
+        ahead = log_odds[-1] - log_odds[best] if len(poses) > len(solved) else 0.0
+        if ahead > CLOSE or (ahead > 0.0 and answer.similarity_at(poses[-1]) > answer.similarity):
+            return stage.solve(pair.target, pair.source, poses[-1], always)
+        return answer
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(

@@ -21,8 +21,9 @@ Stop = Callable[[], bool]
 Weigh = Callable[[FloatArray], FloatArray]
 
 _TOLERANCE = 1e-4
-# Candidates this close in log-odds to the best one are all solved, up to so many.
-_CLOSE, _CONTENDERS = 1.0, 4
+# The judge can't tell poses apart that are this close in log-odds. Of candidates so close to the
+# best one up to so many are solved.
+CLOSE, _CONTENDERS = 1.0, 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +97,7 @@ class Candidates:
 
     def contenders(self) -> FloatArray:
         """Those whose score is close enough to the best for the last stage to decide, (C, 4, 4)."""
-        close = self.score >= self.score[0] - _CLOSE
+        close = self.score >= self.score[0] - CLOSE
         return self.poses[: int(close[:_CONTENDERS].sum())]
 
     def joined(self, other: Candidates) -> Candidates:

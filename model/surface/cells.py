@@ -43,15 +43,36 @@ def cells_of(points: FloatArray, size: float) -> Cells:
     extent = points.max(axis=0) - low
     while True:
         shape = (extent / size).astype(np.int64) + 1
-        if float(np.prod(shape.astype(np.float64))) <= _MOST_CELLS:
+        if math.prod(shape.tolist()) <= _MOST_CELLS:
             break
         size *= 1.5
-    at = np.minimum(((points - low) / size).astype(np.int64), shape - 1)
-    cell = (at[:, 0] * shape[1] + at[:, 1]) * shape[2] + at[:, 2]
-    order = np.argsort(cell, kind="stable")
-    start = np.zeros(int(np.prod(shape)) + 1, dtype=np.int64)
-    np.cumsum(np.bincount(cell, minlength=len(start) - 1), out=start[1:])
-    return Cells(np.ascontiguousarray(points[order]), order, low, shape, start, float(size))
+    inside, order, start = _sorted(points, low, shape, float(size))
+    return Cells(inside, order, low, shape, start, float(size))
+
+
+@compiled
+def _sorted(
+    points: FloatArray, low: FloatArray, shape: IntArray, size: float
+) -> tuple[FloatArray, IntArray, IntArray]:
+    """Points (N, 3) cell by cell, the row of each, and where each cell begins."""
+    cell = np.empty(len(points), np.int64)
+    start = np.zeros(shape[0] * shape[1] * shape[2] + 1, np.int64)
+    for i in range(len(points)):
+        flat = 0
+        for a in range(3):
+            flat = flat * shape[a] + min(int((points[i, a] - low[a]) / size), shape[a] - 1)
+        cell[i] = flat
+        start[flat + 1] += 1
+    for c in range(1, len(start)):
+        start[c] += start[c - 1]
+    inside, order, free = np.empty((len(points), 3)), np.empty(len(points), np.int64), start.copy()
+    for i in range(len(points)):
+        at = free[cell[i]]
+        free[cell[i]] = at + 1
+        order[at] = i
+        for a in range(3):
+            inside[at, a] = points[i, a]
+    return inside, order, start
 
 
 @compiled

@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 
 import numpy as np
 
 from model.compiled import compiled
+from model.profile import gaussian
 from model.side_by_side import side_by_side
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import FloatArray
 from model.surface.cloud import CellView
 from model.surface.descent import retracted
 from model.surface.moments import surface_moments
-from model.surface.near_pairs import NearPairs, near_pairs
+from model.surface.near_pairs import NearPairs, longest_run, near_pairs
+from model.surface.pair_weight import compare_features, count_pairs, turn_features
+from model.surface.rigid import moved, turned
 
 # The gradient is exact, so its differences are good to about this, relative to the curvature.
 _STEP = 1e-6
@@ -177,59 +179,54 @@ def _pulls(
     """
     a_iso = 1.0 / (lengthscale * lengthscale)
     a_normal = 1.0 / (across * across) - a_iso
-    width, traits = target.features.shape[1], target.labels.shape[1]
-    channels = width // 3
-    by_target = np.zeros((len(target.points), 6))
-    by_source = np.zeros((len(source.points), 6))
-    pairs = np.zeros((6, 6))
-    pull = np.empty(6)
-    turned = np.empty(width, np.float32)
-    R, t = np.ascontiguousarray(T[:3, :3]), T[:3, 3].copy()
+    width = target.features.shape[1]
+    by_target, by_source = np.zeros((len(target.points), 6)), np.zeros((len(source.points), 6))
+    squares = np.zeros((6, 6))
+    g = np.empty(width, np.float32)
+    longest = longest_run(near)
+    counts, slopes, pulls = np.empty(longest), np.empty(longest), np.empty((6, longest))
     for j in range(len(source.points)):
-        y = R @ source.points[j] + t
-        m = R @ source.normals[j]
-        for c in range(channels):
-            for a in range(3):
-                turned[a * channels + c] = (
-                    T[a, 0] * source.features[j, c]
-                    + T[a, 1] * source.features[j, channels + c]
-                    + T[a, 2] * source.features[j, 2 * channels + c]
-                )
-        for at in range(near.start[j], near.start[j + 1]):
-            p = near.target[at]
-            d0 = target.points[p, 0] - y[0]
-            d1 = target.points[p, 1] - y[1]
-            d2 = target.points[p, 2] - y[2]
-            distance2 = d0 * d0 + d1 * d1 + d2 * d2
+        first, count = near.start[j], near.start[j + 1] - near.start[j]
+        y0, y1, y2 = moved(T, source.points, j)
+        m0, m1, m2 = turned(T, source.normals, j)
+        count_pairs(near, target, source, j, counts)
+        if width:
+            turn_features(source.features, j, T, g)
+            compare_features(near, target.features, g, j, counts, slopes)
+        for a in range(count):
+            p = near.target[first + a]
+            d0 = target.points[p, 0] - y0
+            d1 = target.points[p, 1] - y1
+            d2 = target.points[p, 2] - y2
             n0, n1, n2 = target.normals[p, 0], target.normals[p, 1], target.normals[p, 2]
-            dot = n0 * m[0] + n1 * m[1] + n2 * m[2]
+            dot = n0 * m0 + n1 * m1 + n2 * m2
             r = n0 * d0 + n1 * d1 + n2 * d2
-            q = m[0] * d0 + m[1] * d1 + m[2] * d2
-            both = 0.5 * source.weights[j] * target.weights[p] * dot * dot
-            if traits:
-                c_xz = 0.0
-                for c in range(traits):
-                    c_xz += target.labels[p, c] * source.labels[j, c]
-                both *= c_xz
-            if width:
-                s = np.float32(0.0)
-                for c in range(width):
-                    s += target.features[p, c] * turned[c]
-                both *= math.tanh(1.0 + s)
-            iso = distance2 * a_iso
-            w = both * math.exp(-0.5 * (iso + r * r * a_normal))
-            o = both * math.exp(-0.5 * (iso + q * q * a_normal))
-            t0 = a_iso * (w + o) * d0 + a_normal * (w * r * n0 + o * q * m[0])
-            t1 = a_iso * (w + o) * d1 + a_normal * (w * r * n1 + o * q * m[1])
-            t2 = a_iso * (w + o) * d2 + a_normal * (w * r * n2 + o * q * m[2])
-            u = a_normal * o * q
-            pull[0], pull[1], pull[2] = t0, t1, t2
-            pull[3] = y[1] * t2 - y[2] * t1 + u * (d1 * m[2] - d2 * m[1])
-            pull[4] = y[2] * t0 - y[0] * t2 + u * (d2 * m[0] - d0 * m[2])
-            pull[5] = y[0] * t1 - y[1] * t0 + u * (d0 * m[1] - d1 * m[0])
-            for a in range(6):
-                by_target[p, a] += pull[a]
-                by_source[j, a] += pull[a]
-                for b in range(6):
-                    pairs[a, b] += pull[a] * pull[b]
-    return by_target, by_source, pairs
+            q = m0 * d0 + m1 * d1 + m2 * d2
+            both, iso = counts[a] * dot * dot, (d0 * d0 + d1 * d1 + d2 * d2) * a_iso
+            w = both * gaussian(iso + r * r * a_normal)
+            o = both * gaussian(iso + q * q * a_normal)
+            along, plane, own = a_iso * (w + o), a_normal * w * r, a_normal * o * q
+            t0 = along * d0 + plane * n0 + own * m0
+            t1 = along * d1 + plane * n1 + own * m1
+            t2 = along * d2 + plane * n2 + own * m2
+            pulls[0, a], pulls[1, a], pulls[2, a] = t0, t1, t2
+            pulls[3, a] = y1 * t2 - y2 * t1 + own * (d1 * m2 - d2 * m1)
+            pulls[4, a] = y2 * t0 - y0 * t2 + own * (d2 * m0 - d0 * m2)
+            pulls[5, a] = y0 * t1 - y1 * t0 + own * (d0 * m1 - d1 * m0)
+        for a in range(count):
+            for c in range(6):
+                by_target[near.target[first + a], c] += pulls[c, a]
+        for b in range(6):
+            total = 0.0
+            for a in range(count):
+                total += pulls[b, a]
+            by_source[j, b] = total
+            for c in range(b, 6):
+                total = 0.0
+                for a in range(count):
+                    total += pulls[b, a] * pulls[c, a]
+                squares[b, c] += total
+    for b in range(6):
+        for c in range(b):
+            squares[b, c] = squares[c, b]
+    return by_target, by_source, squares

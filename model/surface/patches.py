@@ -71,24 +71,26 @@ def _normals(cells: Cells, reach: float, sigma: float) -> tuple[FloatArray, Floa
     x = cells.points
     out, heights = np.zeros_like(x), np.zeros(len(x))
     runs = np.empty((9, 2), np.int64)
-    inverse2 = 1.0 / (sigma * sigma)
+    inverse2, reach2 = 1.0 / (sigma * sigma), reach * reach
+    d = np.empty((3, len(x) + 1))
     for i in range(len(x)):
-        w_sum = s0 = s1 = s2 = c00 = c01 = c02 = c11 = c12 = c22 = 0.0
         near = 0
         for run in range(runs_around(cells, x[i, 0], x[i, 1], x[i, 2], runs)):
             for p in range(runs[run, 0], runs[run, 1]):
                 d0, d1, d2 = x[p, 0] - x[i, 0], x[p, 1] - x[i, 1], x[p, 2] - x[i, 2]
-                distance2 = d0 * d0 + d1 * d1 + d2 * d2
-                if distance2 > reach * reach:
-                    continue
-                w = gaussian(distance2 * inverse2)
-                near += 1
-                w_sum += w
-                s0, s1, s2 = s0 + w * d0, s1 + w * d1, s2 + w * d2
-                c00, c01, c02 = c00 + w * d0 * d0, c01 + w * d0 * d1, c02 + w * d0 * d2
-                c11, c12, c22 = c11 + w * d1 * d1, c12 + w * d1 * d2, c22 + w * d2 * d2
+                d[0, near], d[1, near], d[2, near] = d0, d1, d2
+                # Without a branch: half of the points around are too far.
+                near += d0 * d0 + d1 * d1 + d2 * d2 <= reach2
         if near < _FEWEST:
             continue
+        w_sum = s0 = s1 = s2 = c00 = c01 = c02 = c11 = c12 = c22 = 0.0
+        for p in range(near):
+            d0, d1, d2 = d[0, p], d[1, p], d[2, p]
+            w = gaussian((d0 * d0 + d1 * d1 + d2 * d2) * inverse2)
+            w_sum += w
+            s0, s1, s2 = s0 + w * d0, s1 + w * d1, s2 + w * d2
+            c00, c01, c02 = c00 + w * d0 * d0, c01 + w * d0 * d1, c02 + w * d0 * d2
+            c11, c12, c22 = c11 + w * d1 * d1, c12 + w * d1 * d2, c22 + w * d2 * d2
         s0, s1, s2 = s0 / w_sum, s1 / w_sum, s2 / w_sum
         n0, n1, n2 = least_axis(
             c00 / w_sum - s0 * s0,
