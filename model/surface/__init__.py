@@ -3,10 +3,11 @@
 from model.surface.arrays import SurfaceArrays
 from model.surface.cells import Cells, cells_of
 from model.surface.cloud import CellView, SurfaceCloud, nearest_others
-from model.surface.curvature import SurfaceCurvature, newton_polish
+from model.surface.curvature import SurfaceCurvature, surface_curvature
 from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
+from model.surface.newton import newton_polish
 from model.surface.patches import Patches, surface_spacing
 from model.surface.product import surface_product, surface_products
 from model.surface.solver import SurfaceLoop, SurfaceSolution
@@ -30,6 +31,7 @@ __all__ = [
     "near_pairs",
     "nearest_others",
     "newton_polish",
+    "surface_curvature",
     "surface_moments",
     "surface_product",
     "surface_products",

@@ -116,3 +116,81 @@ def pull_features(
         bend = slopes[a] * dot * dot * seen
         for c in range(len(pull)):
             pull[c] += bend * target.features[p, c]
+
+
+@compiled
+def bend_features(
+    pairs: NearPairs,
+    target: SurfaceArrays,
+    y: FloatArray,
+    m: FloatArray,
+    j: int,
+    metric: Vector,
+    slopes: FloatArray,
+    turned: Features,
+    W: FloatArray,
+    Q: FloatArray,
+) -> Vector:
+    """What the turning of R g_j adds to the second derivatives; see ``surface_curvature``.
+
+    With s = Σ_c f_c · R g_c, s′ = φ·τ for τ = Σ_c R g_c × f_c, and
+    (κ F)″ = κ F″ + 2 κ′ s′ F′ + (κ″ s′² + κ′ s″) F, of which the first is left to the caller.
+
+    Args:
+        pairs: as they are listed.
+        target: N points.
+        y: (3,) the source point at the pose.
+        m: (3,) its normal at the pose.
+        j: its row.
+        metric: see ``pull_features``.
+        slopes: see ``compare_features``.
+        turned: (3C,) R g_j.
+        W: (3, 3) of ν and φ, is added to.
+        Q: (3, 3) of φ alone, is added to.
+
+    Returns:
+        Σ κ′ F τ, the gradient's share.
+    """
+    a_iso, a_normal, cut2 = metric
+    channels = len(turned) // 3
+    first = pairs.start[j]
+    G, v, spin, tau, total = (
+        np.empty((3, 3)),
+        np.empty(3),
+        np.empty(3),
+        np.empty(3),
+        np.zeros(3),
+    )
+    for at in range(pairs.start[j + 1] - first):
+        p = pairs.target[first + at]
+        n, d = target.normals[p], target.points[p] - y
+        distance2 = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+        if distance2 > cut2:
+            continue
+        dot = n[0] * m[0] + n[1] * m[1] + n[2] * m[2]
+        r, q = n[0] * d[0] + n[1] * d[1] + n[2] * d[2], m[0] * d[0] + m[1] * d[1] + m[2] * d[2]
+        half_w = slopes[at] * dot * gaussian(distance2 * a_iso + r * r * a_normal)
+        half_o = slopes[at] * dot * gaussian(distance2 * a_iso + q * q * a_normal)
+        w, o = half_w * dot, half_o * dot
+        G[:] = 0.0
+        for k in range(channels):
+            for a in range(3):
+                for b in range(3):
+                    f = target.features[p, b * channels + k]
+                    G[a, b] += turned[a * channels + k] * f
+        s = G[0, 0] + G[1, 1] + G[2, 2]
+        bent = -2.0 * math.tanh(1.0 + s) * (w + o)
+        for a in range(3):
+            b, e = (a + 1) % 3, (a + 2) % 3
+            tau[a] = G[b, e] - G[e, b]
+            v[a] = a_iso * (w + o) * d[a] + a_normal * (w * r * n[a] + o * q * m[a])
+            across = 2.0 * (half_w + half_o) * (m[b] * n[e] - m[e] * n[b])
+            spin[a] = across - a_normal * o * q * (m[b] * d[e] - m[e] * d[b])
+        for a in range(3):
+            total[a] += (w + o) * tau[a]
+            Q[a, a] -= (w + o) * s
+            for b in range(3):
+                W[a, b] += v[a] * tau[b]
+                Q[a, b] += spin[a] * tau[b] + tau[a] * spin[b] + bent * tau[a] * tau[b]
+                Q[a, b] += 0.5 * (w + o) * (G[a, b] + G[b, a])
+    return total[0], total[1], total[2]

@@ -19,6 +19,9 @@ _NEIGHBOUR = 6
 _BALL = 1.3
 _REACH = 2.0  # of the ball, in its standard deviations
 _FEWEST = 4
+# Cells in which neighbours are sought first, in spacings of points spread over the bounding box;
+# they are doubled until most points have theirs.
+_FIRST_CELL, _WIDENINGS = 1.2, 8
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,8 +64,50 @@ def surface_spacing(points: FloatArray) -> float:
         points: (N, 3), at least 2.
     """
     k = min(_NEIGHBOUR, len(points) - 1)
-    distance = np.asarray(KDTree(points).query(points, k=[k + 1])[0])
-    return float(np.median(distance) * math.sqrt(math.pi / k))
+    return _median_distance(points, k) * math.sqrt(math.pi / k)
+
+
+def _median_distance(points: FloatArray, k: int) -> float:
+    """Median over the points (N, 3) of the distance to the k-th nearest other."""
+    a, b, c = np.ptp(points, axis=0).tolist()
+    area = 2.0 * (a * b + b * c + c * a)
+    if area > 0.0:
+        size = _FIRST_CELL * math.sqrt(area / len(points))
+        for _ in range(_WIDENINGS):
+            median = float(np.median(_nth_distances(cells_of(points, size), k)))
+            if math.isfinite(median):
+                return median
+            size *= 2.0
+    return float(np.median(np.asarray(KDTree(points).query(points, k=[k + 1])[0])))
+
+
+@compiled
+def _nth_distances(cells: Cells, n: int) -> FloatArray:
+    """(N,) distance to the n-th nearest other point; infinite beyond a cell's size."""
+    x = cells.points
+    out = np.full(len(x), np.inf)
+    runs = np.empty((9, 2), np.int64)
+    d2 = np.empty(len(x) + 1)
+    for i in range(len(x)):
+        near = 0
+        for run in range(runs_around(cells, x[i, 0], x[i, 1], x[i, 2], runs)):
+            for p in range(runs[run, 0], runs[run, 1]):
+                d0, d1, e = x[p, 0] - x[i, 0], x[p, 1] - x[i, 1], x[p, 2] - x[i, 2]
+                d2[near] = d0 * d0 + d1 * d1 + e * e
+                near += d2[near] <= cells.size * cells.size
+        if near <= n:
+            continue
+        # One distance after another, the point itself first: a sort would branch at every step.
+        nth, passed = -1.0, 0
+        while passed <= n:
+            least = np.inf
+            for p in range(near):
+                least = min(least, d2[p] if d2[p] > nth else np.inf)
+            for p in range(near):
+                passed += d2[p] == least
+            nth = least
+        out[i] = math.sqrt(nth)
+    return out
 
 
 @compiled

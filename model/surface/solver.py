@@ -13,11 +13,13 @@ from model.kernel import InnerProducts
 from model.side_by_side import Promise, run_together
 from model.surface.cells import FloatArray
 from model.surface.cloud import SurfaceCloud
-from model.surface.curvature import SurfaceCurvature, newton_polish, pull_spread
+from model.surface.curvature import SurfaceCurvature
 from model.surface.descent import descend
 from model.surface.meeting import Meeting
 from model.surface.moments import REACH, VIEW
+from model.surface.newton import newton_polish
 from model.surface.product import surface_norms, surface_products
+from model.surface.spread import pull_spread
 
 Stop = Callable[[], bool]
 

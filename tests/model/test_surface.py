@@ -13,20 +13,20 @@ from model.surface import (
     REACH,
     VIEW,
     SurfaceCloud,
-    SurfaceCurvature,
     SurfaceLoop,
     descend,
     near_pairs,
     newton_polish,
+    surface_curvature,
     surface_moments,
     surface_product,
     surface_spacing,
 )
 from model.surface.cells import cells_of, runs_around
-from model.surface.curvature import pull_spread
 from model.surface.descent import retracted
 from model.surface.meeting import Meeting
 from model.surface.near_pairs import farthest_move
+from model.surface.spread import pull_spread
 from model.uncertainty import Uncertainty
 
 ELL, ACROSS, FAR = 0.3, 0.15, 9.0
@@ -85,6 +85,8 @@ def plain_sum(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray, delta: 
     likeness = (n @ m.T).square()
     kappa = torch.tanh(1.0 + torch.einsum("ndc,mdc->nm", f.reshape(len(f), 3, -1), g))
     counts = (c @ e.T) * a[:, None] * b
+    if not f.shape[1]:
+        kappa = torch.ones_like(kappa)
     return (counts * kappa * likeness * metric).sum()
 
 
@@ -92,6 +94,12 @@ def moments(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray):
     view = target.at(FAR)
     pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, FAR)
     return surface_moments(pairs, view.arrays, source.arrays, T, ELL, ACROSS, FAR)
+
+
+def curvature_at(target: SurfaceCloud, source: SurfaceCloud, T: np.ndarray):
+    view = target.at(FAR)
+    pairs = near_pairs(view.cells, view.arrays.points, source.arrays.points, T, FAR)
+    return surface_curvature(pairs, view.arrays, source.arrays, T, ELL, ACROSS, FAR)
 
 
 def test_compiled_sums_equal_the_plain_double_sum_and_its_gradient(clouds):
@@ -104,17 +112,35 @@ def test_compiled_sums_equal_the_plain_double_sum_and_its_gradient(clouds):
     np.testing.assert_allclose(found.gradient, gradient.numpy(), rtol=1e-5, atol=1e-3)
 
 
-def test_hessian_equals_that_of_the_plain_sum(clouds):
-    T = small_pose(2)
-    plain = torch.autograd.functional.hessian(
-        lambda delta: plain_sum(*clouds, T, delta), torch.zeros(6, dtype=torch.float64)
-    )
-    view, source = clouds[0].at(FAR), clouds[1].arrays
-    pairs = near_pairs(view.cells, view.arrays.points, source.points, T, FAR)
-    found = SurfaceCurvature.of(pairs, view.arrays, source, T, ELL, ACROSS, FAR).hessian
-    # The derivative of a gradient taken at a moved pose differs from the Hessian by a commutator
-    # of the gradient, which symmetrising takes out.
-    np.testing.assert_allclose(found, plain.numpy(), rtol=2e-3, atol=2e-3 * np.abs(found).max())
+@pytest.mark.parametrize("features", [True, False])
+def test_second_derivatives_equal_those_of_the_plain_sum(clouds, features):
+    T, (target, source) = small_pose(2), clouds
+    if not features:
+        target, source = target.without_features(), source.without_features()
+    zero = torch.zeros(6, dtype=torch.float64, requires_grad=True)
+    value = plain_sum(target, source, T, zero)
+    (gradient,) = torch.autograd.grad(value, zero)
+    hessian = torch.autograd.functional.hessian(
+        lambda delta: plain_sum(target, source, T, delta), zero.detach()
+    ).numpy()
+    found = curvature_at(target, source, T)
+    assert found.value == pytest.approx(value.item(), rel=1e-6)
+    np.testing.assert_allclose(found.gradient, gradient.numpy(), rtol=1e-5, atol=1e-3)
+    np.testing.assert_allclose(found.hessian, hessian, atol=1e-5 * np.abs(hessian).max())
+
+
+def test_hessian_equals_differences_of_the_gradient(clouds):
+    T, step = small_pose(5), 1e-5
+    found = curvature_at(*clouds, T)
+    columns = [
+        (moments(*clouds, retracted(T, d)).gradient - moments(*clouds, retracted(T, -d)).gradient)
+        / (2.0 * step)
+        for d in step * np.eye(6)
+    ]
+    # A gradient taken at a moved pose differs by a commutator, which symmetrising takes out.
+    differences = 0.5 * (np.stack(columns) + np.stack(columns).T)
+    atol = 1e-5 * np.abs(differences).max()
+    np.testing.assert_allclose(found.hessian, differences, atol=atol)
 
 
 def test_near_pairs_are_those_of_a_tree_and_stay_complete_while_the_pose_moves_little(clouds):
