@@ -25,6 +25,7 @@ from model.exceptions import (
     InvalidOptionError,
 )
 from model.kernel import feature_kernel
+from model.normals import NormalNetwork
 from model.settings import RegistrarSettings
 from model.verification import Verifier
 
@@ -33,6 +34,8 @@ WEIGHTS_FILE = "encoder.safetensors"
 DESCRIPTION_FILE = "artifact.json"
 SHIPPED = Path(__file__).parent / "artifacts"
 DEFAULT_NAME = "default"
+# Of the normal network's tensors, which share the weights file with the encoder's.
+NORMALS_PREFIX = "normals."
 
 _REQUIRED = ("format_version", "name", "encoder", "kernel", "solver", "training", "weights_sha256")
 
@@ -51,6 +54,7 @@ class Artifact:
         weights: the encoder's state.
         weights_sha256: of the weights file; empty until written.
         verifier: judges candidates and gives the probability; None until one is fitted.
+        normals: corrects fitted normals; None until it is trained.
     """
 
     name: str
@@ -62,6 +66,7 @@ class Artifact:
     weights: Mapping[str, Tensor]
     weights_sha256: str = field(default="")
     verifier: Verifier | None = None
+    normals: NormalNetwork | None = None
 
     def encoder(self) -> nn.Module:
         """The encoder with its weights, in evaluation mode.
@@ -90,6 +95,7 @@ class Artifact:
             "kernel": {"feature": self.kernel},
             "solver": self.settings.as_dict(),
             "verifier": None if self.verifier is None else self.verifier.as_dict(),
+            "normals": None if self.normals is None else self.normals.architecture,
             "training": dict(self.training),
             "weights_sha256": self.weights_sha256,
         }
@@ -139,7 +145,10 @@ def _is_artifact_or_empty(directory: Path) -> bool:
 
 
 def _write(artifact: Artifact, directory: Path) -> None:
-    tensors = {name: w.detach().contiguous().cpu() for name, w in artifact.weights.items()}
+    weighed = dict(artifact.weights)
+    if artifact.normals is not None:
+        weighed |= {NORMALS_PREFIX + k: w for k, w in artifact.normals.state_dict().items()}
+    tensors = {name: w.detach().contiguous().cpu() for name, w in weighed.items()}
     weights = safetensors.torch.save(tensors)
     description = artifact.description()
     description["weights_sha256"] = hashlib.sha256(weights).hexdigest()
@@ -169,11 +178,12 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
             kernel=feature_kernel(description["kernel"]["feature"]).name,
             settings=RegistrarSettings.from_dict(description["solver"]),
             training=description["training"],
-            weights=weights,
+            weights={k: w for k, w in weights.items() if not k.startswith(NORMALS_PREFIX)},
             weights_sha256=description["weights_sha256"],
             verifier=_verifier(description.get("verifier")),
+            normals=_normals(description.get("normals"), weights),
         )
-    except (KeyError, TypeError, InvalidOptionError) as error:
+    except (KeyError, TypeError, InvalidOptionError, RuntimeError) as error:
         raise ArtifactFormatError(
             f"an entry is missing or wrong: {error}",
             field=DESCRIPTION_FILE,
@@ -184,6 +194,17 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
 
 def _verifier(plain: Mapping[str, Any] | None) -> Verifier | None:
     return None if plain is None else Verifier.from_dict(plain)
+
+
+def _normals(
+    architecture: Mapping[str, Any] | None, weights: Mapping[str, Tensor]
+) -> NormalNetwork | None:
+    if architecture is None:
+        return None
+    network = NormalNetwork(**architecture)
+    mine = {k: w for k, w in weights.items() if k.startswith(NORMALS_PREFIX)}
+    network.load_state_dict({k.removeprefix(NORMALS_PREFIX): w for k, w in mine.items()})
+    return network.requires_grad_(False).eval()
 
 
 def _locate(place: Path | str | None) -> Path:

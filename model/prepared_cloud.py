@@ -15,7 +15,7 @@ from torch import Tensor
 from model.cloud_function import CloudFunction
 from model.sampling import FloatArray, IntArray, scattered_subset, voxel_means
 from model.side_by_side import Promise
-from model.surface import SurfaceCloud, nearest_others
+from model.surface import Correct, SurfaceCloud, nearest_others
 from model.verification import edges
 
 Encode = Callable[[Tensor], Tensor]
@@ -71,6 +71,7 @@ class PreparedCloud:
         most_dense: int,
         seed: int,
         weights: FloatArray | None = None,
+        correct: Correct | None = None,
     ) -> PreparedCloud:
         """Reduce, begin to encode, fit normals.
 
@@ -82,6 +83,7 @@ class PreparedCloud:
             most_dense: points for the last stage.
             seed: chooses among the points.
             weights: (N,) what each point counts in the surface kernel; 1 when left out.
+            correct: improves the normals; see Patches.
         """
         note = ""
         if len(points) > most_dense:
@@ -91,7 +93,7 @@ class PreparedCloud:
         chosen = scattered_subset(points, most, seed)
         few = points[chosen]
         encoding = Promise(lambda: _encoding(few, encode))
-        dense = SurfaceCloud.of(points, labels=labels, weights=weights)
+        dense = SurfaceCloud.of(points, labels=labels, weights=weights, correct=correct)
         return cls(dense, dense.select(chosen), encoding, note)
 
     @property

@@ -17,6 +17,7 @@ from model.diagnosis import Diagnosis, diagnose
 from model.encoder.compiled_graph import compiled_encoder
 from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
+from model.normals import CompiledNormals
 from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.pose_search import PoseSearch
@@ -43,6 +44,8 @@ class Registrar:
         self._groups = int(getattr(encoder, "groups", 1))
         self._encode_points = compiled_encoder(encoder) or encoder
         self._kernel = RkhsKernel(artifact.kernel)
+        learned = artifact.normals if artifact.settings.learned_normals else None
+        self._correct_normals = None if learned is None else CompiledNormals(learned)
         self._judge: Judge = artifact.verifier or SurfaceAgreement()
 
     @classmethod
@@ -208,7 +211,9 @@ class Registrar:
             points: FloatArray, labels: FloatArray | None, weights: FloatArray | None, seed: int
         ) -> PreparedCloud:
             encode = self._encode_points
-            return PreparedCloud.of(points, labels, encode, most, dense, seed, weights)
+            return PreparedCloud.of(
+                points, labels, encode, most, dense, seed, weights, self._correct_normals
+            )
 
         return prepare
 

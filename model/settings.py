@@ -26,6 +26,7 @@ class RegistrarSettings:
         dense_points: points of each cloud that the last stage works on.
         hypotheses: which start poses there are.
         search: of the global search.
+        learned_normals: whether the artifact's network corrects the fitted normals, if it has one.
         surface: Gauss–Newton and Newton steps on the surface kernel, as the last stage.
         surface_features: whether the features take part in that.
         procrustes: the closed-form inner loop, as the last stage.
@@ -38,6 +39,7 @@ class RegistrarSettings:
     dense_points: int = 20_000
     hypotheses: HypothesisSettings = field(default_factory=HypothesisSettings)
     search: SearchSettings = field(default_factory=SearchSettings)
+    learned_normals: bool = True
     surface: SurfaceLoop = field(default_factory=SurfaceLoop)
     surface_features: bool = False
     procrustes: ProcrustesLoop = field(

@@ -8,7 +8,7 @@ from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.newton import newton_polish
-from model.surface.patches import Patches, surface_spacing
+from model.surface.patches import Correct, Patches, surface_spacing
 from model.surface.product import surface_product, surface_products
 from model.surface.solver import SurfaceLoop, SurfaceSolution
 
@@ -17,6 +17,7 @@ __all__ = [
     "VIEW",
     "CellView",
     "Cells",
+    "Correct",
     "Descent",
     "NearPairs",
     "Patches",

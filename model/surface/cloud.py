@@ -13,7 +13,7 @@ from scipy.spatial import KDTree
 
 from model.surface.arrays import SurfaceArrays, ordered
 from model.surface.cells import Cells, FloatArray, IntArray, cells_of
-from model.surface.patches import Patches, surface_spacing
+from model.surface.patches import Correct, Patches, surface_spacing
 
 MOST_NEIGHBOURS = 40
 # Cells of one size serve every reach that is smaller by less than this factor.
@@ -58,6 +58,7 @@ class SurfaceCloud:
         labels: FloatArray | None = None,
         weights: FloatArray | None = None,
         spacing: float | None = None,
+        correct: Correct | None = None,
     ) -> SurfaceCloud:
         """Fit normals.
 
@@ -67,8 +68,9 @@ class SurfaceCloud:
             labels: (N, L), or none.
             weights: (N,) what each point counts; 1 when left out.
             spacing: if it is known already.
+            correct: improves the normals; see Patches.
         """
-        patches = Patches.of(points, spacing)
+        patches = Patches.of(points, spacing, correct)
         flat = (
             np.zeros((len(points), 0), np.float32)
             if features is None

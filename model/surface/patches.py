@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,9 @@ _FEWEST = 4
 # they are doubled until most points have theirs.
 _FIRST_CELL, _WIDENINGS = 1.2, 8
 
+# Cells, fitted normals (N, 3) in their order, the reach of a neighbour and the spacing → normals.
+Correct = Callable[[Cells, FloatArray, float, float], FloatArray]
+
 
 @dataclass(frozen=True, slots=True)
 class Patches:
@@ -42,19 +46,28 @@ class Patches:
     roughness: float
 
     @classmethod
-    def of(cls, points: FloatArray, spacing: float | None = None) -> Patches:
+    def of(
+        cls, points: FloatArray, spacing: float | None = None, correct: Correct | None = None
+    ) -> Patches:
         """Fit a plane around every point.
 
         Args:
             points: (N, 3).
             spacing: if it is known already.
+            correct: improves the fitted normals; see ``CompiledNormals``.
         """
         spacing = surface_spacing(points) if spacing is None else spacing
-        reach = _REACH * _BALL * spacing
+        reach = neighbour_reach(spacing)
         cells = cells_of(points, reach)
         normals = np.empty_like(points)
-        normals[cells.order], heights = _normals(cells, reach, _BALL * spacing)
+        fitted, heights = _normals(cells, reach, _BALL * spacing)
+        normals[cells.order] = fitted if correct is None else correct(cells, fitted, reach, spacing)
         return cls(points, normals, spacing, float(np.median(heights)) / spacing)
+
+
+def neighbour_reach(spacing: float) -> float:
+    """Within which points have a say in each other's normals."""
+    return _REACH * _BALL * spacing
 
 
 def surface_spacing(points: FloatArray) -> float:

@@ -12,14 +12,9 @@ from rich.progress import Progress
 
 from model import Registrar
 from model.artifact import load_artifact, save_artifact
-from training.data.packed import read_packed
-from training.data.procedural import ProceduralShapes
-from training.data.shape import ShapeSet
-from training.data.splits import subset_rows
+from training.shape_sources import shape_sources
 from training.verification.collection import judged_poses
 from training.verification.fit import calibration, fit_network
-
-_PROCEDURAL_SEED = 9001
 
 
 def calibrate_command(argv: list[str]) -> int:
@@ -43,8 +38,7 @@ def calibrate_command(argv: list[str]) -> int:
     parser.add_argument("--seed", type=int, default=0)
     given = parser.parse_args(argv)
     artifact = load_artifact(given.artifact)
-    sources: list[ShapeSet] = [ProceduralShapes(2048, 4096, _PROCEDURAL_SEED)]
-    sources += [_training_shapes(path) for path in given.data]
+    sources = shape_sources(given.data)
     console = Console(stderr=True)
     with Progress(console=console) as progress:
         bar = progress.add_task("pairs", total=given.pairs + given.held_out)
@@ -65,9 +59,3 @@ def calibrate_command(argv: list[str]) -> int:
         f"a right candidate among {among:.1%}"
     )
     return 0
-
-
-def _training_shapes(path: Path) -> ShapeSet:
-    shapes = read_packed(path)
-    rule = "official" if all(shapes.splits) else "random"
-    return shapes.select(subset_rows(shapes.splits, "train", rule, 0))

@@ -1,0 +1,121 @@
+"""Learned normals: compiled as trained, equivariant, and better than fitted ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from model import Registrar
+from model.artifact import DESCRIPTION_FILE, load_artifact, save_artifact
+from model.exceptions import ArtifactFormatError
+from model.normals import CompiledNormals, NormalNetwork
+from model.normals.compiled_network import neighbours
+from model.surface.cells import cells_of
+from model.surface.patches import Patches, neighbour_reach
+
+
+@pytest.fixture(scope="module")
+def network() -> NormalNetwork:
+    with torch.random.fork_rng():
+        torch.manual_seed(3)
+        return NormalNetwork(rounds=3, hidden=12, memory=5).requires_grad_(False)
+
+
+def shell(n: int, seed: int, noise: float = 0.01) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    x = rng.normal(size=(n, 3))
+    x /= np.linalg.norm(x, axis=1, keepdims=True)
+    return x * [1.0, 0.7, 0.5] + noise * rng.normal(size=x.shape)
+
+
+def open_box(n: int, seed: int, noise: float) -> tuple[np.ndarray, np.ndarray]:
+    """Points of five faces of a cube with their normals: planes that meet at edges."""
+    rng = np.random.default_rng(seed)
+    face, sides = rng.integers(5, size=n), rng.uniform(-0.5, 0.5, size=(n, 2))
+    x, normals = np.empty((n, 3)), np.zeros((n, 3))
+    for k in range(5):
+        axis, rows = k % 3, face == k
+        x[rows] = np.insert(sides[rows], axis, 0.5 if k < 3 else -0.5, axis=1)
+        normals[rows, axis] = 1.0
+    return x + noise * rng.normal(size=x.shape), normals
+
+
+def test_compiled_votes_equal_those_of_the_network(network):
+    x = shell(400, 0)
+    patches = Patches.of(x)
+    reach = neighbour_reach(patches.spacing)
+    cells = cells_of(x, reach)
+    fitted = patches.normals[cells.order]
+    start, near = neighbours(cells, reach)
+    expected = network.double()(
+        torch.from_numpy(cells.points),
+        torch.from_numpy(fitted),
+        torch.full((len(x),), patches.spacing, dtype=torch.float64),
+        torch.from_numpy(np.repeat(np.arange(len(x)), np.diff(start))),
+        torch.from_numpy(near.astype(np.int64)),
+    )[-1].numpy()
+    network.float()
+    found = CompiledNormals(network)(cells, fitted, reach, patches.spacing)
+    assert np.abs((found * expected).sum(1)).min() > 1.0 - 1e-9
+    assert np.abs((found * fitted).sum(1)).min() < 0.99
+
+
+def test_learned_normals_turn_with_the_cloud_and_follow_its_points(network, pose):
+    x, correct = shell(500, 1), CompiledNormals(network)
+    T = pose(4, 130.0, shift=0.4).double().numpy()
+    order = np.random.default_rng(0).permutation(len(x))
+    still = Patches.of(x, correct=correct).normals
+    moved = Patches.of(x[order] @ T[:3, :3].T + T[:3, 3], correct=correct).normals
+    alike = (moved @ T[:3, :3] * still[order]).sum(1)
+    np.testing.assert_allclose(np.abs(alike), 1.0, atol=1e-5)
+
+
+def test_lonely_points_get_no_normal(network):
+    x = np.concatenate([shell(300, 2), [[5.0, 0.0, 0.0], [0.0, 7.0, 0.0]]])
+    normals = Patches.of(x, correct=CompiledNormals(network)).normals
+    assert (normals[-2:] == 0.0).all()
+    np.testing.assert_allclose(np.linalg.norm(normals[:-2], axis=1), 1.0)
+
+
+def test_shipped_normals_are_closer_to_the_surface_than_fitted_ones():
+    shipped = load_artifact().normals
+    assert shipped is not None
+    x, true = open_box(700, 5, 0.01)
+
+    def median_angle_deg(correct: CompiledNormals | None) -> float:
+        alike = np.abs((Patches.of(x, correct=correct).normals * true).sum(1))
+        return float(np.degrees(np.median(np.arccos(np.clip(alike, 0.0, 1.0)))))
+
+    assert median_angle_deg(CompiledNormals(shipped)) < 0.75 * median_angle_deg(None)
+
+
+def test_an_artifact_keeps_its_network_and_a_setting_leaves_it_out(tmp_path, network, cloud):
+    artifact = replace(load_artifact(), normals=network)
+    save_artifact(artifact, tmp_path / "kept")
+    again = load_artifact(tmp_path / "kept")
+    assert again.normals is not None
+    for name, weight in network.state_dict().items():
+        torch.testing.assert_close(again.normals.state_dict()[name], weight)
+    x = cloud(0).double().numpy()
+    plain = replace(artifact, normals=None)
+    without = replace(artifact, settings=replace(artifact.settings, learned_normals=False))
+    answers = [
+        Registrar(kind).register(x[::2], x[1::2]).T_target_source
+        for kind in (plain, without, artifact)
+    ]
+    np.testing.assert_array_equal(answers[0], answers[1])
+    assert not np.array_equal(answers[0], answers[2])
+
+
+def test_a_network_that_does_not_fit_its_weights_is_refused(tmp_path, network):
+    save_artifact(replace(load_artifact(), normals=network), tmp_path / "broken")
+    path = tmp_path / "broken" / DESCRIPTION_FILE
+    description = json.loads(path.read_text())
+    description["normals"]["hidden"] = 99
+    path.write_text(json.dumps(description))
+    with pytest.raises(ArtifactFormatError, match=DESCRIPTION_FILE):
+        load_artifact(tmp_path / "broken")

@@ -1,0 +1,1 @@
+"""Training the network that corrects normals, on shapes whose normals are known."""
