@@ -16,6 +16,7 @@ from model.exceptions import (
     NonFiniteCloudError,
     TooFewPointsError,
 )
+from model.pose_search import PoseSearch
 from model.se3 import rotation_angle
 from model.settings import RegistrarSettings
 
@@ -121,6 +122,22 @@ def test_an_initial_guess_and_a_limit_keep_the_answer_near(registrar, cloud, pos
     assert error_deg(near.T_target_source, T) < 0.05
     limited = registrar.register(source, target, max_rotation_deg=30.0)
     assert error_deg(limited.T_target_source, np.eye(4)) <= 31.0
+
+
+@pytest.mark.parametrize(("bonus", "away_deg"), [(0.5, 0.0), (5.0, 10.0)])
+def test_a_guess_wins_where_the_judge_clearly_prefers_it(
+    registrar, cloud, pose, monkeypatch, bonus, away_deg
+):
+    source, target, T = pair(cloud, pose, 3, 20.0)
+    guess = T @ pose(5, 10.0, shift=0.02).numpy()
+
+    def fond_of_the_guess(search: PoseSearch, poses: np.ndarray) -> np.ndarray:
+        known = search.pair.initial(guess).numpy()
+        return np.array([bonus if np.allclose(P, known) else 0.0 for P in poses])
+
+    monkeypatch.setattr(PoseSearch, "log_odds_at", fond_of_the_guess)
+    found = registrar.register(source, target, initial=guess, search="local").T_target_source
+    assert error_deg(found, T) == pytest.approx(away_deg, abs=0.1)
 
 
 def test_different_units_are_warned_about(registrar, cloud):
