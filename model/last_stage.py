@@ -18,7 +18,7 @@ from model.kernel import InnerProducts, RkhsKernel
 from model.prepared_cloud import PreparedCloud
 from model.se3 import rigid
 from model.settings import RegistrarSettings
-from model.surface import SurfaceLoop, surface_product
+from model.surface import Correct, SurfaceLoop, surface_product
 from model.uncertainty import Uncertainty, pull_spread
 
 FloatArray = npt.NDArray[np.float64]
@@ -75,10 +75,12 @@ class SurfaceStage:
     Attributes:
         loop: see SurfaceLoop.
         features: whether κ(f·g) takes part, or the metric alone.
+        correct: improves normals that are fitted to both clouds.
     """
 
     loop: SurfaceLoop
     features: bool
+    correct: Correct | None
 
     def solve(
         self, target: PreparedCloud, source: PreparedCloud, T: FloatArray, stop: Stop
@@ -87,11 +89,12 @@ class SurfaceStage:
         x, z = target.dense, source.dense
         if self.features:
             x, z = target.dense_with_features(), source.dense_with_features()
-        found = self.loop.solve(x, z, T, stop)
+        found = self.loop.solve(x, z, T, stop, self.correct)
         own = found.products
 
         def similarity_at(T_other: FloatArray) -> float:
-            value = surface_product(x, z, T_other, found.lengthscale, found.across)
+            ell, across = found.lengthscale, found.across
+            value = surface_product(found.target, found.source, T_other, ell, across)
             cross = torch.full_like(own.target, value)
             return InnerProducts(own.target, own.source, cross).similarity.item()
 
@@ -164,10 +167,12 @@ class PaperStage:
         )
 
 
-def last_stage(settings: RegistrarSettings, solver: str, kernel: RkhsKernel) -> LastStage:
+def last_stage(
+    settings: RegistrarSettings, solver: str, kernel: RkhsKernel, correct: Correct | None
+) -> LastStage:
     """The stage by the solver's name."""
     if solver == "surface":
-        return SurfaceStage(settings.surface, settings.surface_features)
+        return SurfaceStage(settings.surface, settings.surface_features, correct)
     return PaperStage(kernel, settings.gradient if solver == "gradient" else settings.procrustes)
 
 

@@ -242,8 +242,8 @@ class Registrar:
         A guess as it was wins if the judge clearly prefers it, or where it can't tell, if the
         kernel does.
         """
-        pair, options = pose_search.pair, pose_search.options
-        stage = last_stage(self.artifact.settings, options.solver, self._kernel)
+        pair, options, settings = pose_search.pair, pose_search.options, self.artifact.settings
+        stage = last_stage(settings, options.solver, self._kernel, self._correct_normals)
         stop = options.deadline.passed
 
         def solve(T: FloatArray) -> Solved:

@@ -147,6 +147,11 @@ class SurfaceCloud:
         arrays = self.arrays._replace(features=flat)
         return SurfaceCloud(arrays, self.spacing, self.roughness, known)
 
+    def with_normals(self, normals: FloatArray) -> SurfaceCloud:
+        """The same with other normals (N, 3)."""
+        arrays = self.arrays._replace(normals=np.ascontiguousarray(normals))
+        return SurfaceCloud(arrays, self.spacing, self.roughness)
+
     def without_features(self) -> SurfaceCloud:
         """The geometry and the labels alone."""
         none = np.zeros((len(self.arrays.points), 3, 0), np.float32)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -18,8 +19,10 @@ from model.surface.descent import descend
 from model.surface.meeting import Meeting
 from model.surface.moments import REACH, VIEW
 from model.surface.newton import newton_polish
+from model.surface.patches import Correct
 from model.surface.product import surface_norms, surface_products
 from model.surface.spread import pull_spread
+from model.surface.together import seen_together
 
 Stop = Callable[[], bool]
 
@@ -37,6 +40,16 @@ _SHARPER = 0.4
 _SMOOTH, _ROUGH = 0.1, 0.16
 # About the ball that a normal is fitted to.
 _BLOCK = 1.5
+
+
+class _Rest(NamedTuple):
+    """Where the steps came to rest: pose, ℓ, ℓ_n, whether the clouds share no points, and rest."""
+
+    T_target_source: FloatArray
+    lengthscale: float
+    across: float
+    apart: bool
+    steady: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +71,8 @@ class SurfaceLoop:
         least: lower bound of ℓ.
         least_across: lower bound of ℓ_n.
         tolerance: a step with ‖δ‖ below this ends a level.
+        together: how often few points that were sampled independently get new normals, fitted to
+            both clouds at the present pose, and are solved again.
     """
 
     lengthscale: float = 0.7
@@ -69,9 +84,15 @@ class SurfaceLoop:
     least: float = 0.1
     least_across: float = 0.08
     tolerance: float = 1e-5
+    together: int = 3
 
     def solve(
-        self, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray, stop: Stop
+        self,
+        target: SurfaceCloud,
+        source: SurfaceCloud,
+        T: FloatArray,
+        stop: Stop,
+        correct: Correct | None = None,
     ) -> SurfaceSolution:
         """Solve from T (4, 4).
 
@@ -80,8 +101,41 @@ class SurfaceLoop:
             source: M points.
             T: where to start.
             stop: asked between steps; the best pose so far is then the answer.
+            correct: improves normals that are fitted to both clouds; see Patches.
         """
         spacing = max(target.spacing, source.spacing)
+        steps: list[Step] = []
+        rest = self._narrowed(target, source, T, stop, steps)
+        fewer = min(len(target.arrays.points), len(source.arrays.points))
+        for _ in range(self.together if fewer < _MANY and rest.apart else 0):
+            if stop():
+                break
+            target, source = seen_together(target, source, rest.T_target_source, correct)
+            rest = self._narrowed(target, source, rest.T_target_source, stop, steps)
+        T, ell, across, _, steady = rest
+        view, cut = target.at(VIEW * ell), REACH * ell
+        rounds = 0 if stop() else _NEWTON_STEPS
+        T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
+        block = _BLOCK * spacing
+        products, spread = run_together(
+            lambda: surface_products(target, source, T, ell, across),
+            lambda: pull_spread(view, source.arrays, T, ell, across, cut, block),
+        )
+        converged = (steady or small) and not stop()
+        return SurfaceSolution(
+            T, ell, across, converged, steps, products, curvature, spread, target, source
+        )
+
+    def _narrowed(
+        self,
+        target: SurfaceCloud,
+        source: SurfaceCloud,
+        T: FloatArray,
+        stop: Stop,
+        steps: list[Step],
+    ) -> _Rest:
+        """Level by level, with ℓ and ℓ_n that follow how closely the clouds meet."""
+        spacing, apart = max(target.spacing, source.spacing), False
         # Few points pull each other along the surface, where they don't correspond: the farther
         # the kernel reaches along it, the less.
         fewer = min(len(target.arrays.points), len(source.arrays.points))
@@ -89,7 +143,6 @@ class SurfaceLoop:
         roughness = min(target.roughness, source.roughness)
         sharper = float(np.interp(roughness, (_SMOOTH, _ROUGH), (1.0, _SHARPER)))
         ell, across = self.lengthscale * wide * spacing, self.across * spacing
-        steps: list[Step] = []
         T, steady = self._level(target, source, T, ell, across, self.steps, stop, steps)
         for left in reversed(range(self.rounds)):
             meeting = Meeting.of(target, source, T)
@@ -111,17 +164,7 @@ class SurfaceLoop:
             )
             most = self.steps if left else _LAST_STEPS * self.steps
             T, steady = self._level(target, source, T, ell, across, most, stop, steps)
-        view, cut = target.at(VIEW * ell), REACH * ell
-        rounds = 0 if stop() else _NEWTON_STEPS
-        T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
-        block = _BLOCK * spacing
-        products, spread = run_together(
-            lambda: surface_products(target, source, T, ell, across),
-            lambda: pull_spread(view, source.arrays, T, ell, across, cut, block),
-        )
-        return SurfaceSolution(
-            T, ell, across, (steady or small) and not stop(), steps, products, curvature, spread
-        )
+        return _Rest(T, ell, across, apart, steady)
 
     def _level(
         self,
@@ -171,6 +214,8 @@ class SurfaceSolution:
         products: ⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,ĥZ⟩.
         curvature: at the answer.
         spread: (6, 6) variance of the gradient.
+        target: with the normals that it had in the end.
+        source: likewise.
     """
 
     T_target_source: FloatArray
@@ -181,3 +226,5 @@ class SurfaceSolution:
     products: InnerProducts
     curvature: SurfaceCurvature
     spread: FloatArray
+    target: SurfaceCloud
+    source: SurfaceCloud
