@@ -14,7 +14,7 @@ from model.artifact import DESCRIPTION_FILE, load_artifact, save_artifact
 from model.exceptions import ArtifactFormatError
 from model.normals import CompiledNormals, NormalNetwork
 from model.normals.compiled_network import neighbours
-from model.surface.cells import cells_of
+from model.surface import SurfaceCloud, SurfaceLoop, cells_of
 from model.surface.patches import Patches, neighbour_reach
 
 
@@ -119,3 +119,21 @@ def test_a_network_that_does_not_fit_its_weights_is_refused(tmp_path, network):
     path.write_text(json.dumps(description))
     with pytest.raises(ArtifactFormatError, match=DESCRIPTION_FILE):
         load_artifact(tmp_path / "broken")
+
+
+def test_few_points_are_solved_better_with_normals_of_both_clouds(cloud, pose):
+    shipped = load_artifact().normals
+    assert shipped is not None
+    correct, rng = CompiledNormals(shipped), np.random.default_rng(0)
+    errors: dict[int, list[float]] = {0: [], 3: []}
+    for i in range(24):
+        x, z = (
+            SurfaceCloud.of(sample + 0.01 * rng.normal(size=sample.shape), correct=correct)
+            for sample in (cloud(i, 300, part).double().numpy() for part in range(2))
+        )
+        start = pose(i, 2.0, shift=0.02).numpy()
+        for together, found in errors.items():
+            loop = SurfaceLoop(together=together)
+            T = loop.solve(x, z, start, lambda: False, correct).T_target_source
+            found.append(float(np.linalg.norm(T - np.eye(4))))
+    assert np.mean(errors[3]) < 0.95 * np.mean(errors[0])
