@@ -17,6 +17,7 @@ from model.pose_search import PoseSearch
 from model.result import Diagnostics, Iteration, RunnerUp
 from model.se3 import rotation_angle
 from model.search import KINDS, Candidates
+from model.side_by_side import run_together
 from model.surface import SurfaceCloud
 from model.surface.meeting import nearest
 from model.verification import Verifier
@@ -74,13 +75,15 @@ def diagnose(
     """
     pair, options = pose_search.pair, pose_search.options
     T, scale = solved.T_target_source, pair.frame.scale
-    overlap = Overlap.of(pair.target.dense, pair.source.dense, T)
+    overlap, others = run_together(
+        lambda: Overlap.of(pair.target.dense, pair.source.dense, T),
+        lambda: _runner_ups(pose_search, candidates, solved),
+    )
     shared = overlap.shared
     degenerate = degenerate_directions(
         pair.target.dense.arrays.points[shared], pair.target.dense.arrays.normals[shared]
     )
     log_odds = float(pose_search.log_odds_at(T[None])[0])
-    others = _runner_ups(pose_search, candidates, solved)
     lead = log_odds - max(other.log_odds for other in others) if others else None
     labelled = pair.target.dense.arrays.labels.shape[1] > 0
     probability = None

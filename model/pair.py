@@ -161,8 +161,11 @@ class Pair:
         return cls(frame, target, source)
 
     def wait(self) -> None:
-        """Until the features of both clouds are there; helpers begin with the target's."""
-        side_by_side(lambda cloud: cloud.encoding(), (self.source, self.target))
+        """Until the features of both clouds are there."""
+        for cloud in (self.source, self.target):
+            cloud.encoding.help()
+        for cloud in (self.source, self.target):
+            cloud.encoding()
 
     @property
     def spacing(self) -> float:

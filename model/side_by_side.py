@@ -72,6 +72,12 @@ class Promise(Generic[Made]):
                 self._made.append(self._make() if mine or begun is None else begun.result())
         return self._made[0]
 
+    def help(self) -> None:
+        """Make it here and now, unless another thread has begun."""
+        begun = self._begun
+        if begun is None or begun.cancel():
+            self()
+
 
 @cache
 def _helpers() -> ThreadPoolExecutor:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import threading
 import time
 
@@ -47,6 +48,27 @@ def test_nothing_is_begun_ahead_by_a_single_thread():
         assert made == []
     finally:
         torch.set_num_threads(before)
+
+
+def test_who_helps_makes_what_nobody_has_begun(threads):
+    hold, begun = threading.Event(), threading.Event()
+
+    def busy() -> int:
+        begun.set()
+        hold.wait(5.0)
+        return 1
+
+    # As many as there can be helpers: the last promise waits behind them.
+    others = [Promise(busy) for _ in range(os.cpu_count() or 1)] if threads > 1 else []
+    makers: list[int] = []
+    last = Promise(lambda: makers.append(threading.get_ident()))
+    last.help()
+    assert makers == [threading.get_ident()]
+    if others:
+        begun.wait(5.0)
+        others[0].help()
+    hold.set()
+    assert [other() for other in others] == [1] * len(others)
 
 
 def test_an_error_reaches_who_asks(threads):
