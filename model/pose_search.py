@@ -21,12 +21,15 @@ from model.search import (
     support_of,
 )
 from model.settings import RegistrarSettings
-from model.verification import Evidence, Judge
+from model.side_by_side import side_by_side
+from model.verification import Evidence, Judge, surface_share
 
 FloatArray = npt.NDArray[np.float64]
 
 # A match agrees with a pose that brings its points within about this many spacings.
 _SUPPORT_REACH = 0.8
+# All points tell more than those of the search if there are this many times as many.
+_MANY_MORE = 1.25
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,12 +98,34 @@ class PoseSearch:
                 self._weighed[keys[k]] = log_odds
         return np.array([self._weighed[key] for key in keys])
 
+    def best_of(self, T: FloatArray) -> int:
+        """Which of solved poses (K, 4, 4) is right.
+
+        Between those that the judge can't tell apart by the points of the search all points
+        decide, where there are many more.
+        """
+        log_odds = self.log_odds_at(T)
+        close = np.flatnonzero(log_odds >= log_odds.max() - self.judge.CLOSE)
+        if len(close) == 1 or not self._has_seen_few():
+            return int(log_odds.argmax())
+        x, z = self.pair.target.dense, self.pair.source.dense
+        shares = side_by_side(lambda k: surface_share(x, z, T[k]), close.tolist())
+        return int(close[int(np.argmax(shares))])
+
     def is_among(self, T: FloatArray, poses: FloatArray) -> bool:
         """Whether a pose (4, 4) is one of others (K, 4, 4) before its last steps.
 
         The judge tells basins apart, not a pose from the one that the last stage made of it.
         """
         return is_among(T, poses, *self.settings.search.merging(self.pair.sparse_spacing))
+
+    def _has_seen_few(self) -> bool:
+        """Whether both clouds have many more points than the judge looks at."""
+        clouds = (self.pair.target, self.pair.source)
+        return all(
+            len(cloud.dense.arrays.points) > _MANY_MORE * len(cloud.sparse.arrays.points)
+            for cloud in clouds
+        )
 
     def _at_a_glance(self, T: FloatArray) -> FloatArray:
         return self.judge.log_odds(self.evidence_at(T, closely=False))

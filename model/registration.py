@@ -23,12 +23,15 @@ from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.pose_search import PoseSearch
 from model.prepared_cloud import PreparedCloud
 from model.result import RegistrationResult
-from model.search import CLOSE, Candidates, given_start, hypothesise
+from model.search import Candidates, given_start, hypothesise
 from model.side_by_side import side_by_side
 from model.stopwatch import Stopwatch
 from model.verification import Examination, Judge, SurfaceAgreement
 
 FloatArray = npt.NDArray[np.float64]
+
+# By so many log-odds the judge has to prefer the caller's guess to what was solved.
+_CLEARLY = 1.0
 
 
 class Registrar:
@@ -252,18 +255,22 @@ class Registrar:
                 return found
             return stage.solve(pair.target, pair.source, T, always)
 
-        solved = side_by_side(solve, candidates.contenders())
+        solved = side_by_side(solve, candidates.contenders(self._judge.CLOSE))
         guess = pair.initial(options.initial)
         poses = [found.T_target_source for found in solved]
         if guess is not None and not pose_search.is_among(guess.numpy(), np.stack(poses)):
             poses.append(guess.numpy())
         if len(poses) == 1:
             return solved[0]
-        log_odds = pose_search.log_odds_at(np.stack(poses))
-        best = int(log_odds[: len(solved)].argmax())
+        best = pose_search.best_of(np.stack(poses[: len(solved)]))
         answer = solved[best]
-        ahead = log_odds[-1] - log_odds[best] if len(poses) > len(solved) else 0.0
-        if ahead > CLOSE or (ahead > 0.0 and answer.similarity_at(poses[-1]) > answer.similarity):
+        if len(poses) == len(solved):
+            return answer
+        log_odds = pose_search.log_odds_at(np.stack([poses[best], poses[-1]]))
+        ahead = log_odds[1] - log_odds[0]
+        if ahead > _CLEARLY or (
+            ahead > 0.0 and answer.similarity_at(poses[-1]) > answer.similarity
+        ):
             return stage.solve(pair.target, pair.source, poses[-1], always)
         return answer
 

@@ -116,6 +116,7 @@ def test_every_command_is_tested_here() -> None:
         *those("equivalign", "serve"),
         *those("equivalign", "fit"),
         *those("equivalign", "export"),
+        *those("equivalign", "normals"),
         *those("equivalign", "calibrate"),
         *those("curl"),
     ]
@@ -184,7 +185,8 @@ def test_fit_export_calibrate_serve(workplace: Path) -> None:
     (serve,) = (words for words in those("equivalign", "serve") if "--artifact" in words)
     run([*fit, *FEW_STEPS], workplace)
     run(export, workplace)
-    (calibrate,) = those("equivalign", "calibrate")
+    (normals,), (calibrate,) = those("equivalign", "normals"), those("equivalign", "calibrate")
+    run(normals, workplace)
     run(calibrate, workplace)
     with serving(serve, workplace) as address, urllib.request.urlopen(f"{address}/model") as model:
         assert json.load(model)["training"]["steps"] == 1

@@ -1,6 +1,6 @@
 """Global search: start poses, and the few of them worth solving."""
 
-from model.search.candidates import CLOSE, Candidates, SearchSettings, refine
+from model.search.candidates import Candidates, SearchSettings, refine
 from model.search.consensus import support_of
 from model.search.hypotheses import KINDS, Hypotheses, is_among, within
 from model.search.hypothesise import (
@@ -14,7 +14,6 @@ from model.search.hypothesise import (
 )
 
 __all__ = [
-    "CLOSE",
     "KINDS",
     "Candidates",
     "Hypotheses",

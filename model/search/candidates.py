@@ -21,9 +21,7 @@ Stop = Callable[[], bool]
 Weigh = Callable[[FloatArray], FloatArray]
 
 _TOLERANCE = 1e-4
-# The judge can't tell poses apart that are this close in log-odds. Of candidates so close to the
-# best one up to so many are solved.
-CLOSE, _CONTENDERS = 1.0, 4
+_CONTENDERS = 6
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,10 +93,10 @@ class Candidates:
         T: FloatArray = self.hypotheses.T_target_source.double().numpy()
         return T
 
-    def contenders(self) -> FloatArray:
-        """Those whose score is close enough to the best for the last stage to decide, (C, 4, 4)."""
-        close = self.score >= self.score[0] - CLOSE
-        return self.poses[: int(close[:_CONTENDERS].sum())]
+    def contenders(self, close: float) -> FloatArray:
+        """The first few of those that score less than the best by no more than this, (C, 4, 4)."""
+        near = self.score >= self.score[0] - close
+        return self.poses[: int(near[:_CONTENDERS].sum())]
 
     def joined(self, other: Candidates) -> Candidates:
         """Both, as they were judged; ``distinct`` sorts them."""

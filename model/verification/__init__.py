@@ -1,5 +1,6 @@
 """Which candidate is right, and how likely."""
 
+from model.verification.agreement import surface_share
 from model.verification.contact import edges
 from model.verification.evidence import NAMES, Evidence
 from model.verification.examination import Examination
@@ -14,4 +15,5 @@ __all__ = [
     "SurfaceAgreement",
     "Verifier",
     "edges",
+    "surface_share",
 ]

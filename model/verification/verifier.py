@@ -21,10 +21,12 @@ class Judge(Protocol):
 
     Attributes:
         DOUBT: where even the best pose scores less, it pays to search on.
+        CLOSE: poses that score less than the best by no more than this may be better.
         CLOSELY: whether it wants to see how every point meets the other cloud.
     """
 
     DOUBT: float
+    CLOSE: float
     CLOSELY: bool
 
     def log_odds(self, evidence: Evidence) -> FloatArray:
@@ -102,6 +104,7 @@ class Verifier:
     LEAD = 6.0
     # Odds below 12 to 1 leave a doubt.
     DOUBT = 2.5
+    CLOSE = 3.0
     CLOSELY = True
 
     def log_odds(self, evidence: Evidence) -> FloatArray:
@@ -168,6 +171,7 @@ class SurfaceAgreement:
 
     # A fully overlapping, noisy pair scores about −1.
     DOUBT = -1.2
+    CLOSE = 1.0
     CLOSELY = False
 
     def log_odds(self, evidence: Evidence) -> FloatArray:
