@@ -13,8 +13,11 @@ import pytest
 from model import Registrar
 from model.artifact import load_artifact
 from model.exceptions import CloudShapeError, InvalidOptionError, NonFiniteCloudError
+from model.options import Options
+from model.pair import GivenPair
+from model.pose_search import PoseSearch
 from model.surface import SurfaceCloud
-from model.verification import NAMES, Evidence, SurfaceAgreement, Verifier
+from model.verification import NAMES, Evidence, SurfaceAgreement, Verifier, surface_share
 from model.verification.contact import POINTS, TRAITS, contact
 from model.verification.evidence import patches
 
@@ -280,3 +283,33 @@ def test_a_million_points_are_reduced_and_the_answer_says_so(registrar, cloud, p
     assert angle_deg(found.T_target_source, T) < 0.5
     assert found.diagnostics.points_source <= 20_000
     assert any("voxels" in note for note in found.diagnostics.warnings)
+
+
+def test_all_points_tell_a_pose_from_a_slightly_slid_one(cloud, pose):
+    x, z = (cloud(2, 900, part).double().numpy() for part in range(2))
+    T = pose(1, 70.0).numpy()
+    target, source = SurfaceCloud.of(x), SurfaceCloud.of((z - T[:3, 3]) @ T[:3, :3])
+    right = surface_share(target, source, T)
+    assert 0.3 < right <= 1.0
+    for seed in range(5):
+        wrong = pose(seed, 3.0, shift=0.05).numpy() @ T
+        assert surface_share(target, source, wrong) < right
+    swapped = surface_share(source, target, np.linalg.inv(T))
+    assert swapped == pytest.approx(right)
+    assert surface_share(target, source, pose(0, 0.0, shift=9.0).numpy() @ T) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("points", "ahead", "chosen"), [(900, 1.0, 1), (900, 4.0, 0), (450, 1.0, 0)]
+)
+def test_all_points_decide_where_the_judge_saw_few_and_is_undecided(
+    registrar, cloud, pose, monkeypatch, points, ahead, chosen
+):
+    source, target, T = pair(cloud, pose, 2, 70.0, n=points)
+    options = Options.checked(None, 180.0, 0, "surface", "global")
+    made = registrar._encode(GivenPair.checked(source, target, None, None), options)
+    search = registrar._hypothesise(made, options)
+    right = made.frame.pose_in(T)
+    poses = np.stack([pose(3, 4.0, shift=0.05).numpy() @ right, right])
+    monkeypatch.setattr(PoseSearch, "log_odds_at", lambda self, T: np.array([ahead, 0.0]))
+    assert search.best_of(poses) == chosen
