@@ -240,11 +240,7 @@ class Registrar:
         return PoseSearch(pair, start, options, settings, self._judge)
 
     def _solve(self, pose_search: PoseSearch, candidates: Candidates) -> Solved:
-        """Solve the contenders, let the judge decide; the caller's guess is one of them.
-
-        A guess as it was wins if the judge clearly prefers it, or where it can't tell, if the
-        kernel does.
-        """
+        """Solve the contenders, let the judge decide."""
         pair, options, settings = pose_search.pair, pose_search.options, self.artifact.settings
         stage = last_stage(settings, options.solver, self._kernel, self._correct_normals)
         stop = options.deadline.passed
@@ -256,25 +252,24 @@ class Registrar:
             return stage.solve(pair.target, pair.source, T, always)
 
         solved = side_by_side(solve, candidates.contenders(self._judge.CLOSE))
+        best = pose_search.best_of(np.stack([found.T_target_source for found in solved]))
         guess = pair.initial(options.initial)
-        poses = [found.T_target_source for found in solved]
-        if guess is not None and not pose_search.is_among(guess.numpy(), np.stack(poses)):
-            poses.append(guess.numpy())
-        if len(poses) == 1:
-            return solved[0]
-        best = pose_search.best_of(np.stack(poses[: len(solved)]))
-        answer = solved[best]
-        if len(poses) == len(solved):
-            return answer
-        log_odds = pose_search.log_odds_at(np.stack([poses[best], poses[-1]]))
-        ahead = log_odds[1] - log_odds[0]
-        if ahead > _CLEARLY or (
-            ahead > 0.0 and answer.similarity_at(poses[-1]) > answer.similarity
-        ):
-            return stage.solve(pair.target, pair.source, poses[-1], always)
-        return answer
+        if guess is None or not _guess_is_better(pose_search, solved[best], guess.numpy()):
+            return solved[best]
+        return stage.solve(pair.target, pair.source, guess.numpy(), always)
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(
             pair.frame.pose_out(found.T_target_source), found.diagnostics(stopwatch.seconds())
         )
+
+
+def _guess_is_better(pose_search: PoseSearch, answer: Solved, guess: FloatArray) -> bool:
+    """Whether the judge clearly prefers the guess (4, 4), or if it can't tell, the kernel does."""
+    T = answer.T_target_source
+    if pose_search.is_among(guess, T[None]):
+        return False
+    ahead = float(np.diff(pose_search.log_odds_at(np.stack([T, guess])))[0])
+    if 0.0 < ahead <= _CLEARLY:
+        return answer.similarity_at(guess) > answer.similarity
+    return ahead > _CLEARLY
