@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from argparse import ArgumentParser
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,6 +12,19 @@ from training.data.shape import ShapeSet
 from training.data.splits import subset_rows
 
 _PROCEDURAL_SEED = 9001
+
+
+def add_shape_options(parser: ArgumentParser) -> None:
+    """The artifact that is rewritten, and the archives of shapes."""
+    parser.add_argument("artifact", type=Path, help="directory of the artifact; it is rewritten")
+    parser.add_argument(
+        "--data",
+        type=Path,
+        action="append",
+        default=[],
+        metavar="NPZ",
+        help="archives whose training shapes are used beside procedural ones; repeatable",
+    )
 
 
 def shape_sources(archives: Sequence[Path]) -> list[ShapeSet]:

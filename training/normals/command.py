@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import ArgumentDefaultsHelpFormatter, ArgumentParser
 from dataclasses import replace
-from pathlib import Path
 
 from rich.console import Console
 from rich.progress import Progress
@@ -12,7 +11,7 @@ from rich.progress import Progress
 from model.artifact import load_artifact, save_artifact
 from training.normals.clouds import labelled_clouds
 from training.normals.fit import fit_normals, median_angle_deg
-from training.shape_sources import shape_sources
+from training.shape_sources import add_shape_options, shape_sources
 
 
 def normals_command(argv: list[str]) -> int:
@@ -25,15 +24,7 @@ def normals_command(argv: list[str]) -> int:
         description=normals_command.__doc__,
         formatter_class=ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("artifact", type=Path, help="directory of the artifact; it is rewritten")
-    parser.add_argument(
-        "--data",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="NPZ",
-        help="archives whose training shapes are used beside procedural ones; repeatable",
-    )
+    add_shape_options(parser)
     parser.add_argument("--clouds", type=int, default=3000, help="clouds to train on")
     parser.add_argument("--held-out", type=int, default=200, help="clouds to measure on")
     parser.add_argument("--steps", type=int, default=5000, help="of training, on 4 clouds each")

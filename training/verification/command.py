@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from argparse import ArgumentDefaultsHelpFormatter, ArgumentParser
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 from rich.console import Console
@@ -12,7 +11,7 @@ from rich.progress import Progress
 
 from model import Registrar
 from model.artifact import load_artifact, save_artifact
-from training.shape_sources import shape_sources
+from training.shape_sources import add_shape_options, shape_sources
 from training.verification.collection import judged_poses
 from training.verification.fit import calibration, fit_network
 
@@ -24,15 +23,7 @@ def calibrate_command(argv: list[str]) -> int:
         description=calibrate_command.__doc__,
         formatter_class=ArgumentDefaultsHelpFormatter,
     )
-    parser.add_argument("artifact", type=Path, help="directory of the artifact; it is rewritten")
-    parser.add_argument(
-        "--data",
-        type=Path,
-        action="append",
-        default=[],
-        metavar="NPZ",
-        help="archives whose training shapes are used beside procedural ones; repeatable",
-    )
+    add_shape_options(parser)
     parser.add_argument("--pairs", type=int, default=400, help="pairs to fit to")
     parser.add_argument("--held-out", type=int, default=200, help="pairs to calibrate on")
     parser.add_argument("--seed", type=int, default=0)
