@@ -73,7 +73,7 @@ class PreparedCloud:
         weights: FloatArray | None = None,
         correct: Correct | None = None,
     ) -> PreparedCloud:
-        """Reduce, begin to encode, fit normals.
+        """Reduce, fit normals, begin to encode.
 
         Args:
             points: (N, 3) in the frame.
@@ -91,9 +91,9 @@ class PreparedCloud:
             points, labels, weights = _reduced(points, labels, weights, most_dense)
             note = f"{given:,} points reduced to {len(points):,} means of voxels"
         chosen = scattered_subset(points, most, seed)
+        dense = SurfaceCloud.of(points, labels=labels, weights=weights, correct=correct)
         few = points[chosen]
         encoding = Promise(lambda: _encoding(few, encode))
-        dense = SurfaceCloud.of(points, labels=labels, weights=weights, correct=correct)
         return cls(dense, dense.select(chosen), encoding, note)
 
     @property

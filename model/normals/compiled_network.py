@@ -11,6 +11,7 @@ from torch import Tensor
 
 from model.compiled import compiled
 from model.normals.network import FLOOR, POINT_TRAITS, NormalNetwork
+from model.side_by_side import side_by_side
 from model.surface.axes import least_axis
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
 
@@ -42,6 +43,24 @@ class RoundWeights(NamedTuple):
     say_bias: Array32
     keep: Array32
     keep_bias: Array32
+
+
+class CloudState(NamedTuple):
+    """What the points of one cloud know before a round.
+
+    Attributes:
+        start: (N + 1,) where each point's neighbours begin.
+        near: (E,) their rows.
+        points: (N, 3).
+        normals: (N, 3).
+        memory: (N, Z); Z is 0 in the first round.
+    """
+
+    start: IntArray
+    near: Rows
+    points: FloatArray
+    normals: FloatArray
+    memory: Array32
 
 
 class CompiledNormals:
@@ -82,9 +101,21 @@ class CompiledNormals:
         """
         start, near = neighbours(cells, reach)
         memory = np.zeros((len(normals), 0), np.float32)
+        state = CloudState(start, near, cells.points, normals, memory)
         for weights in self._rounds:
-            normals, memory = vote(cells.points, normals, start, near, spacing, memory, weights)
-        return normals
+            state = _voted(state, spacing, weights)
+        return state.normals
+
+
+def _voted(state: CloudState, spacing: float, weights: RoundWeights) -> CloudState:
+    """The state after a round, half of the points in each of two threads."""
+    n = len(state.points)
+    normals, memory = np.empty((n, 3)), np.empty((n, len(weights.keep_bias)), np.float32)
+    side_by_side(
+        lambda rows: vote(state, spacing, weights, *rows, normals, memory),
+        ((0, n // 2), (n // 2, n)),
+    )
+    return state._replace(normals=normals, memory=memory)
 
 
 @compiled
@@ -112,18 +143,28 @@ def neighbours(cells: Cells, reach: float) -> tuple[IntArray, Rows]:
 
 @compiled
 def vote(
-    x: FloatArray,
-    normals: FloatArray,
-    start: IntArray,
-    near: Rows,
+    state: CloudState,
     spacing: float,
-    memory: Array32,
     weights: RoundWeights,
-) -> tuple[FloatArray, Array32]:
-    """One round: the normals (N, 3) and the memory (N, Z) after it; see ``NormalNetwork``."""
+    first_row: int,
+    past_row: int,
+    out: FloatArray,
+    memory_out: Array32,
+) -> None:
+    """One round for some of the points; see ``NormalNetwork``.
+
+    Args:
+        state: of the cloud.
+        spacing: of the cloud.
+        weights: of the round.
+        first_row: of the points.
+        past_row: the row after the last of them.
+        out: (N, 3) gets their normals.
+        memory_out: (N, Z) gets what they remember.
+    """
+    start, near, x, normals, memory = state
     n, Z, H = len(x), memory.shape[1], len(weights.pair_bias)
     kept = len(weights.keep_bias)
-    out, memory_out = np.empty((n, 3)), np.empty((n, kept), np.float32)
     there = np.zeros((H, n), np.float32)
     for h in range(H):
         for z in range(Z):
@@ -138,7 +179,7 @@ def vote(
     said = np.empty((2, longest), np.float32)
     heard, flatness = np.empty(kept, np.float32), np.empty(3)
     inverse = 1.0 / spacing
-    for i in range(n):
+    for i in range(first_row, past_row):
         first, count = start[i], start[i + 1] - start[i]
         n0, n1, n2 = normals[i, 0], normals[i, 1], normals[i, 2]
         for a in range(count):
@@ -202,7 +243,6 @@ def vote(
             for c in range(Z):
                 value += weights.keep[z, kept + POINT_TRAITS + c] * memory[i, c]
             memory_out[i, z] = value / (np.float32(1.0) + abs(value))
-    return out, memory_out
 
 
 @compiled
