@@ -10,7 +10,7 @@ ARTIFACT ?=
 HOST ?= 127.0.0.1
 PORT ?= 8000
 
-.PHONY: help setup demo test check serve fit forget clean
+.PHONY: help setup demo test check serve fit clean
 
 help: ## Say what each target does
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 8
@@ -37,9 +37,6 @@ serve: $(READY) ## Serve the shipped artifact, or ARTIFACT=DIR, on HOST and PORT
 
 fit: $(READY) ## Train by CONFIG=configs/quickstart.yaml
 	@$(BIN)/equivalign fit -c $(or $(CONFIG),configs/quickstart.yaml)
-
-forget: ## Remove compiled loops, after a function was changed that others call
-	find model -name '*.nb[ci]' -delete
 
 clean: ## Remove .venv and everything that was generated
 	rm -rf .venv runs demo build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache

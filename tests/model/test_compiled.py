@@ -105,3 +105,58 @@ def test_compiled_invariants_equal_the_differentiable_ones():
     expected = invariants(CloudFunction.of(torch.zeros(1, 40, 3), features))[0]
     found = torch.from_numpy(compiled_invariants(features[0].numpy()))
     torch.testing.assert_close(found, expected)
+
+
+def test_compiled_code_is_kept_apart_by_its_source(tmp_path: Path):
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    question = "import numba, model.compiled as c; print(numba.config.CACHE_DIR, c._fingerprint())"
+    answer = subprocess.run(
+        [sys.executable, "-c", question],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout.split()
+    assert answer[0] == str(tmp_path / f"compiled-{answer[1]}")
+
+
+def test_a_place_that_cannot_be_written_is_passed_over(tmp_path: Path):
+    (tmp_path / "file").write_text("not a folder")
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "file"),
+        "XDG_CACHE_HOME": str(tmp_path / "cache"),
+    }
+    question = "import numba, model.compiled; print(numba.config.CACHE_DIR)"
+    answer = subprocess.run(
+        [sys.executable, "-c", question],
+        env=environment,
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+    assert answer.startswith(str(tmp_path / "cache" / "equivalign" / "compiled-"))
+
+
+def test_where_nothing_else_can_be_written_a_private_temporary_folder_keeps_it(tmp_path: Path):
+    (tmp_path / "file").write_text("not a folder")
+    blocked = str(tmp_path / "file")
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": blocked,
+        "XDG_CACHE_HOME": blocked,
+        "TMPDIR": str(tmp_path),
+    }
+    question = "import numba, model.compiled; print(numba.config.CACHE_DIR)"
+
+    def kept() -> str:
+        arguments = [sys.executable, "-c", question]
+        return subprocess.run(
+            arguments, env=environment, check=True, capture_output=True, text=True
+        ).stdout
+
+    private = tmp_path / f"equivalign-{os.geteuid()}"
+    assert kept().startswith(str(private / "compiled-"))
+    assert private.stat().st_mode & 0o777 == 0o700
+    private.chmod(0o777)
+    assert not kept().startswith(str(private))
