@@ -14,9 +14,9 @@ from model.normals.network import FLOOR, POINT_TRAITS, NormalNetwork
 from model.side_by_side import side_by_side
 from model.surface.axes import least_axis
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
+from model.surface.near_pairs import Rows, with_room
 
 Array32 = npt.NDArray[np.float32]
-Rows = npt.NDArray[np.int32]
 
 _FIRST_ROOM = 32
 
@@ -129,10 +129,7 @@ def neighbours(cells: Cells, reach: float) -> tuple[IntArray, Rows]:
     for i in range(len(x)):
         for run in range(runs_around(cells, x[i, 0], x[i, 1], x[i, 2], runs)):
             a, b = runs[run, 0], runs[run, 1]
-            if count + b - a > len(near):
-                larger = np.empty(2 * len(near) + b - a, np.int32)
-                larger[:count] = near[:count]
-                near = larger
+            near = with_room(near, count, b - a)
             for p in range(a, b):
                 d0, d1, d2 = x[p, 0] - x[i, 0], x[p, 1] - x[i, 1], x[p, 2] - x[i, 2]
                 near[count] = p

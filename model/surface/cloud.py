@@ -152,11 +152,6 @@ class SurfaceCloud:
         arrays = self.arrays._replace(normals=np.ascontiguousarray(normals))
         return SurfaceCloud(arrays, self.spacing, self.roughness)
 
-    def without_features(self) -> SurfaceCloud:
-        """The geometry and the labels alone."""
-        none = np.zeros((len(self.arrays.points), 3, 0), np.float32)
-        return self.remembered("without features", lambda: self.with_features(none))
-
 
 def nearest_others(points: FloatArray) -> IntArray:
     """(N, ≤ MOST_NEIGHBOURS) rows of the nearest other points of each of (N, 3), nearest first."""

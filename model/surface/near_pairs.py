@@ -52,7 +52,7 @@ def near_pairs(
         y0, y1, y2 = moved(T, source, j)
         for run in range(runs_around(cells, y0, y1, y2, runs)):
             a, b = runs[run, 0], runs[run, 1]
-            near = _with_room(near, count, b - a)
+            near = with_room(near, count, b - a)
             for p in range(a, b):
                 d0, d1, d2 = target[p, 0] - y0, target[p, 1] - y1, target[p, 2] - y2
                 near[count] = p
@@ -78,7 +78,7 @@ def own_pairs(cells: Cells, reach: float) -> NearPairs:
     for j in range(len(x)):
         for run in range(runs_around(cells, x[j, 0], x[j, 1], x[j, 2], runs)):
             a, b = max(runs[run, 0], j + 1), runs[run, 1]
-            near = _with_room(near, count, b - a)
+            near = with_room(near, count, b - a)
             for p in range(a, b):
                 d0, d1, d2 = x[p, 0] - x[j, 0], x[p, 1] - x[j, 1], x[p, 2] - x[j, 2]
                 near[count] = p
@@ -88,7 +88,7 @@ def own_pairs(cells: Cells, reach: float) -> NearPairs:
 
 
 @compiled
-def _with_room(near: Rows, count: int, more: int) -> Rows:
+def with_room(near: Rows, count: int, more: int) -> Rows:
     """``near`` with room for ``more`` rows after the first ``count``."""
     if count + more <= len(near):
         return near

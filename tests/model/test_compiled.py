@@ -30,18 +30,22 @@ print(found.T_target_source.tobytes().hex())
 """
 
 
+_WHERE = "import numba, model.compiled; print(numba.config.CACHE_DIR)"
+
+
+def answer_to(program: str, **environment: Path) -> str:
+    """What a new process prints, with these variables set beside our own."""
+    return subprocess.run(
+        [sys.executable, "-c", program],
+        env={**os.environ, **{name: str(value) for name, value in environment.items()}},
+        check=True,
+        capture_output=True,
+        text=True,
+    ).stdout
+
+
 def test_the_process_that_compiles_answers_like_those_that_load(tmp_path: Path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
-    answers = [
-        subprocess.run(
-            [sys.executable, "-c", _DESCEND],
-            env=environment,
-            check=True,
-            capture_output=True,
-            text=True,
-        ).stdout
-        for _ in range(2)
-    ]
+    answers = [answer_to(_DESCEND, NUMBA_CACHE_DIR=tmp_path) for _ in range(2)]
     assert list(tmp_path.rglob("*.nbc"))
     assert answers[0] == answers[1]
 
@@ -108,52 +112,24 @@ def test_compiled_invariants_equal_the_differentiable_ones():
 
 
 def test_compiled_code_is_kept_apart_by_its_source(tmp_path: Path):
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     question = "import numba, model.compiled as c; print(numba.config.CACHE_DIR, c._fingerprint())"
-    answer = subprocess.run(
-        [sys.executable, "-c", question],
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout.split()
-    assert answer[0] == str(tmp_path / f"compiled-{answer[1]}")
+    place, fingerprint = answer_to(question, NUMBA_CACHE_DIR=tmp_path).split()
+    assert place == str(tmp_path / f"compiled-{fingerprint}")
 
 
 def test_a_place_that_cannot_be_written_is_passed_over(tmp_path: Path):
     (tmp_path / "file").write_text("not a folder")
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": str(tmp_path / "file"),
-        "XDG_CACHE_HOME": str(tmp_path / "cache"),
-    }
-    question = "import numba, model.compiled; print(numba.config.CACHE_DIR)"
-    answer = subprocess.run(
-        [sys.executable, "-c", question],
-        env=environment,
-        check=True,
-        capture_output=True,
-        text=True,
-    ).stdout
-    assert answer.startswith(str(tmp_path / "cache" / "equivalign" / "compiled-"))
+    cache = tmp_path / "cache"
+    kept = answer_to(_WHERE, NUMBA_CACHE_DIR=tmp_path / "file", XDG_CACHE_HOME=cache)
+    assert kept.startswith(str(cache / "equivalign" / "compiled-"))
 
 
 def test_where_nothing_else_can_be_written_a_private_temporary_folder_keeps_it(tmp_path: Path):
-    (tmp_path / "file").write_text("not a folder")
-    blocked = str(tmp_path / "file")
-    environment = {
-        **os.environ,
-        "NUMBA_CACHE_DIR": blocked,
-        "XDG_CACHE_HOME": blocked,
-        "TMPDIR": str(tmp_path),
-    }
-    question = "import numba, model.compiled; print(numba.config.CACHE_DIR)"
+    blocked = tmp_path / "file"
+    blocked.write_text("not a folder")
 
     def kept() -> str:
-        arguments = [sys.executable, "-c", question]
-        return subprocess.run(
-            arguments, env=environment, check=True, capture_output=True, text=True
-        ).stdout
+        return answer_to(_WHERE, NUMBA_CACHE_DIR=blocked, XDG_CACHE_HOME=blocked, TMPDIR=tmp_path)
 
     private = tmp_path / f"equivalign-{os.geteuid()}"
     assert kept().startswith(str(private / "compiled-"))
