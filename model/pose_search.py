@@ -18,6 +18,7 @@ from model.search import (
     is_among,
     matched_start,
     refine,
+    slide_start,
     support_of,
 )
 from model.settings import RegistrarSettings
@@ -67,18 +68,19 @@ class PoseSearch:
         start, candidates = self.start, self._refined(self.start)
         settings = self.settings.hypotheses_for(self.options.search)
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
+        spacing = self.pair.sparse_spacing
+        candidates = self._slid(candidates, thorough)
         if settings.flips and (thorough or self._doubtful(candidates)):
             best = candidates.poses[: settings.flips]
             start = flip_start(start, best, x.sparse, z.sparse, farthest)
-            candidates = self._also(candidates, start)
+            candidates = self._slid(self._also(candidates, start), thorough)
         for more, wanted in (
             (matched_start, settings.matches > 0 and settings.more_matches > 0),
             (grid_start, settings.grid_step_deg > 0.0),
         ):
             if wanted and self._doubtful(candidates):
-                spacing = self.pair.sparse_spacing
                 start = more(start, x.function, z.function, spacing, farthest, settings)
-                candidates = self._also(candidates, start)
+                candidates = self._slid(self._also(candidates, start), False)
         return candidates
 
     def evidence_at(self, T: FloatArray, closely: bool) -> Evidence:
@@ -146,6 +148,22 @@ class PoseSearch:
 
     def _also(self, candidates: Candidates, start: Start) -> Candidates:
         return self._distinct(candidates.joined(self._refined(start)))
+
+    def _slid(self, candidates: Candidates, thorough: bool) -> Candidates:
+        """Where a doubt is left, also what the best become when they slide along the surfaces.
+
+        These are judged where they are: steps would lead back.
+        """
+        settings = self.settings.hypotheses_for(self.options.search)
+        if not settings.slides or not (thorough or self._doubtful(candidates)):
+            return candidates
+        x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
+        best = candidates.poses[: settings.slides]
+        spacing = self.pair.sparse_spacing
+        start = slide_start(self.start, best, x.sparse, z.sparse, spacing, farthest)
+        slid = start.hypotheses
+        score = self.log_odds_at(slid.T_target_source.double().numpy())
+        return self._distinct(candidates.joined(Candidates(slid, score, candidates.tried)))
 
     def _distinct(self, candidates: Candidates) -> Candidates:
         return candidates.distinct(*self.settings.search.merging(self.pair.sparse_spacing))

@@ -11,6 +11,7 @@ from model.search.hypothesise import (
     grid_start,
     hypothesise,
     matched_start,
+    slide_start,
 )
 
 __all__ = [
@@ -27,6 +28,7 @@ __all__ = [
     "is_among",
     "matched_start",
     "refine",
+    "slide_start",
     "support_of",
     "within",
 ]

@@ -1,4 +1,4 @@
-"""Where the search starts: the guess, no motion, poses that features name, flips, and a grid."""
+"""Where the search starts: the guess, no motion, poses that features name, and in doubt others."""
 
 from __future__ import annotations
 
@@ -23,6 +23,7 @@ from model.search.flips import flipped_poses
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
+from model.search.slides import slid_poses
 from model.search.voting import voted_poses
 from model.side_by_side import run_together
 from model.surface import SurfaceCloud
@@ -50,6 +51,7 @@ class HypothesisSettings:
         more_matches: the same where the others leave a doubt; 0, or no matches, for none.
         more_voted: most of those that are kept.
         flips: how many of the best candidates are turned about the object's axes; see flips.py.
+        slides: how many of them slide along what resists them least; see slides.py.
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
         grid_levels: how the grid's poses slide into the basins of wide kernels.
         grid_kept: most of the grid's poses that are kept.
@@ -63,6 +65,7 @@ class HypothesisSettings:
     more_matches: int = 800
     more_voted: int = 40
     flips: int = 2
+    slides: int = 2
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
     grid_kept: int = 8
@@ -111,7 +114,7 @@ def hypothesise(
     settings: HypothesisSettings,
     seed: int,
 ) -> Start:
-    """Collect the start poses but flips and the grid's.
+    """Collect the start poses that need no others.
 
     Args:
         target: (1, N, …) in the normalised frame.
@@ -205,6 +208,28 @@ def flip_start(
     """
     flipped = np.concatenate([flipped_poses(pose, target, source) for pose in T])
     return start.with_others(_of_kind("flip", flipped), len(flipped), max_rotation_deg)
+
+
+def slide_start(
+    start: Start,
+    T: FloatArray,
+    target: SurfaceCloud,
+    source: SurfaceCloud,
+    spacing: float,
+    max_rotation_deg: float,
+) -> Start:
+    """What good poses become when they slide along the surfaces.
+
+    Args:
+        start: the other start poses.
+        T: (K, 4, 4) good poses.
+        target: N points.
+        source: M points.
+        spacing: of the clouds.
+        max_rotation_deg: from the first of the start poses.
+    """
+    slid = np.concatenate([slid_poses(pose, target, source, spacing) for pose in T])
+    return start.with_others(_of_kind("slide", slid), len(slid), max_rotation_deg)
 
 
 def grid_start(

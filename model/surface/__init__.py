@@ -8,6 +8,7 @@ from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.newton import newton_polish
+from model.surface.overlap import overlapping, overlapping_view
 from model.surface.patches import Correct, Patches, surface_spacing
 from model.surface.product import surface_product, surface_products
 from model.surface.solver import SurfaceLoop, SurfaceSolution
@@ -32,6 +33,8 @@ __all__ = [
     "near_pairs",
     "nearest_others",
     "newton_polish",
+    "overlapping",
+    "overlapping_view",
     "surface_curvature",
     "surface_moments",
     "surface_product",

@@ -19,6 +19,7 @@ from model.surface.descent import descend
 from model.surface.meeting import Meeting
 from model.surface.moments import REACH, VIEW
 from model.surface.newton import newton_polish
+from model.surface.overlap import overlapping
 from model.surface.patches import Correct
 from model.surface.product import surface_norms, surface_products
 from model.surface.spread import pull_spread
@@ -73,6 +74,7 @@ class SurfaceLoop:
         tolerance: a step with ‖δ‖ below this ends a level.
         together: how often few points that were sampled independently get new normals, fitted to
             both clouds at the present pose, and are solved again.
+        overlap: points with none of the other cloud within this don't take part; 0 for all.
     """
 
     lengthscale: float = 0.7
@@ -85,6 +87,7 @@ class SurfaceLoop:
     least_across: float = 0.08
     tolerance: float = 1e-5
     together: int = 3
+    overlap: float = 1.2
 
     def solve(
         self,
@@ -105,26 +108,40 @@ class SurfaceLoop:
         """
         spacing = max(target.spacing, source.spacing)
         steps: list[Step] = []
-        rest = self._narrowed(target, source, T, stop, steps)
+        rest = self._narrowed(*self._cut(target, source, T), T, stop, steps)
         fewer = min(len(target.arrays.points), len(source.arrays.points))
         for _ in range(self.together if fewer < _MANY and rest.apart else 0):
             if stop():
                 break
-            target, source = seen_together(target, source, rest.T_target_source, correct)
-            rest = self._narrowed(target, source, rest.T_target_source, stop, steps)
+            T = rest.T_target_source
+            target, source = seen_together(target, source, T, correct)
+            rest = self._narrowed(*self._cut(target, source, T), T, stop, steps)
         T, ell, across, _, steady = rest
-        view, cut = target.at(VIEW * ell), REACH * ell
+        x, z = self._cut(target, source, T)
+        # From afar it cut something else.
+        if not (x is target and z is source):
+            most = _LAST_STEPS * self.steps
+            T, steady = self._level(x, z, T, ell, across, most, stop, steps)
+        view, cut = x.at(VIEW * ell), REACH * ell
         rounds = 0 if stop() else _NEWTON_STEPS
-        T, curvature, small = newton_polish(view, source.arrays, T, ell, across, cut, rounds)
+        T, curvature, small = newton_polish(view, z.arrays, T, ell, across, cut, rounds)
         block = _BLOCK * spacing
         products, spread = run_together(
             lambda: surface_products(target, source, T, ell, across),
-            lambda: pull_spread(view, source.arrays, T, ell, across, cut, block),
+            lambda: pull_spread(view, z.arrays, T, ell, across, cut, block),
         )
         converged = (steady or small) and not stop()
         return SurfaceSolution(
             T, ell, across, converged, steps, products, curvature, spread, target, source
         )
+
+    def _cut(
+        self, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray
+    ) -> tuple[SurfaceCloud, SurfaceCloud]:
+        """Both clouds cut to what they share at T."""
+        if self.overlap == 0.0:
+            return target, source
+        return overlapping(target, source, T, self.overlap * max(target.spacing, source.spacing))
 
     def _narrowed(
         self,

@@ -27,7 +27,8 @@ def pull_spread(
 
     Σ_b s_b s_bᵀ + Σ_b t_b t_bᵀ − Σ_ij p_ij p_ijᵀ over blocks of source and of target points: points
     of a block share the samples that their normals were fitted to, so they don't err independently;
-    and a pair belongs to one point of each cloud and would otherwise count twice.
+    and a pair belongs to one point of each cloud and would otherwise count twice. The pose was
+    fitted to these very pulls, which leaves B − 6 degrees of freedom to B blocks.
 
     Args:
         view: of the target.
@@ -40,24 +41,26 @@ def pull_spread(
     """
     listed = near_pairs(view.cells, view.arrays.points, source.points, T, cut)
     by_target, by_source, pairs = _pulls(listed, view.arrays, source, T, lengthscale, across)
-    of_target = _block_sums(view.arrays.points, by_target, block)
-    of_source = _block_sums(source.points, by_source, block)
-    spread = of_source.T @ of_source + of_target.T @ of_target - pairs
+    of_target = _block_squares(view.arrays.points, by_target, block)
+    of_source = _block_squares(source.points, by_source, block)
+    spread = of_source + of_target - pairs
     values, axes = np.linalg.eigh(spread)
     floored: FloatArray = (axes * np.maximum(values, 1e-12 * max(values[-1], 1e-30))) @ axes.T
     return floored
 
 
-def _block_sums(points: FloatArray, pulls: FloatArray, block: float) -> FloatArray:
-    """Sums (b, 6) of pulls (N, 6) over the points (N, 3) in each cell of a grid."""
+def _block_squares(points: FloatArray, pulls: FloatArray, block: float) -> FloatArray:
+    """B/(B−6) Σ s sᵀ over sums s of pulls (N, 6) of the points (N, 3) in each cell of a grid."""
     cell = np.floor(points / block).astype(np.int64)
     cell -= cell.min(axis=0)
     shape = cell.max(axis=0) + 1
     flat = (cell[:, 0] * shape[1] + cell[:, 1]) * shape[2] + cell[:, 2]
     order = np.argsort(flat, kind="stable")
     starts = np.flatnonzero(np.diff(flat[order], prepend=-1))
-    sums: FloatArray = np.add.reduceat(pulls[order], starts, axis=0)
-    return sums
+    sums = np.add.reduceat(pulls[order], starts, axis=0)
+    freedom = max(1, len(sums) - pulls.shape[1])
+    squares: FloatArray = len(sums) / freedom * (sums.T @ sums)
+    return squares
 
 
 @compiled
