@@ -78,7 +78,8 @@ class Diagnostics:
         runner_ups: the next best poses, best first.
         hypotheses: start poses tried.
         won_by: kind of the start pose that led to the answer: ``initial``, ``identity``,
-            ``consensus`` (three matches by features), ``matched`` (one match) or ``grid``.
+            ``consensus`` (three matches by features), ``matched`` (one match), ``flip`` or
+            ``slide`` (of another answer) or ``grid``.
         solver: name of the last stage.
         points_source: source points of the last stage.
         points_target: target points of the last stage.
