@@ -254,16 +254,9 @@ class Registrar:
         solved = side_by_side(solve, candidates.contenders(self._judge.CLOSE))
         best = pose_search.best_of(np.stack([found.T_target_source for found in solved]))
         guess = pair.initial(options.initial)
-        if guess is None:
+        if guess is None or not _guess_is_better(pose_search, solved[best], guess.numpy()):
             return solved[best]
-        T_guess = guess.numpy()
-        ahead = _lead_of_the_guess(pose_search, solved[best].T_target_source, T_guess)
-        if ahead <= 0.0:
-            return solved[best]
-        given = stage.solve(pair.target, pair.source, T_guess, always)
-        # Where the judge can't tell, the kernel does, as wide as it is before ℓ shrinks.
-        other = given.similarity_at(solved[best].T_target_source)
-        return given if ahead > _CLEARLY or given.similarity > other else solved[best]
+        return stage.solve(pair.target, pair.source, guess.numpy(), always)
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:
         return RegistrationResult(
@@ -271,8 +264,12 @@ class Registrar:
         )
 
 
-def _lead_of_the_guess(pose_search: PoseSearch, T: FloatArray, guess: FloatArray) -> float:
-    """By how much the judge prefers the guess (4, 4) to the answer T (4, 4) of another basin."""
+def _guess_is_better(pose_search: PoseSearch, answer: Solved, guess: FloatArray) -> bool:
+    """Whether the judge clearly prefers the guess (4, 4), or if it can't tell, the kernel does."""
+    T = answer.T_target_source
     if pose_search.is_among(guess, T[None]):
-        return -np.inf
-    return float(np.diff(pose_search.log_odds_at(np.stack([T, guess])))[0])
+        return False
+    ahead = float(np.diff(pose_search.log_odds_at(np.stack([T, guess])))[0])
+    if 0.0 < ahead <= _CLEARLY:
+        return answer.similarity_at(guess) > answer.similarity
+    return ahead > _CLEARLY

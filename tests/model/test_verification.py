@@ -164,13 +164,23 @@ def test_the_answer_is_never_judged_worse_than_the_guess(registrar, cloud, pose,
     guess = pose(8, angle, shift=0.05).numpy() @ T
     for options in ({}, {"max_rotation_deg": 10.0}, {"search": "local"}):
         found = registrar.register(source, target, initial=guess, **options)
-        answer, given = (
-            registrar.register(
-                source, target, initial=P, max_rotation_deg=0.001, search="local", deadline=1e-6
-            ).diagnostics
-            for P in (found.T_target_source, guess)
-        )
-        assert answer.success_probability >= given.success_probability - 0.02
+        found_at, given_at = judged(registrar, source, target, guess, found, options)
+        assert found_at >= given_at - 0.02
+
+
+def judged(registrar, source, target, guess, found, options) -> np.ndarray:
+    """The judge's log-odds of the answer and of the guess, in the same search."""
+    checked = Options.checked(
+        guess,
+        options.get("max_rotation_deg", 180.0),
+        0,
+        "surface",
+        options.get("search", "global"),
+    )
+    encoded = registrar._encode(GivenPair.checked(source, target, None, None), checked)
+    poses = np.stack([encoded.frame.pose_in(T) for T in (found.T_target_source, guess)])
+    log_odds: np.ndarray = registrar._hypothesise(encoded, checked).log_odds_at(poses)
+    return log_odds
 
 
 def test_a_guess_that_is_right_is_kept_and_only_sharpened(registrar, cloud, pose):
@@ -240,6 +250,8 @@ def test_labels_hold_a_pose_that_geometry_lets_slide(registrar):
     rng = np.random.default_rng(0)
     wall = np.concatenate([rng.uniform(-1, 1, size=(900, 2)), np.zeros((900, 1))], 1)
     other = np.concatenate([rng.uniform(-1, 1, size=(900, 2)), np.zeros((900, 1))], 1)
+    # Of one cloud the left end is missing, of the other the right.
+    wall, other = wall[wall[:, 0] > -0.6], other[other[:, 0] < 0.6]
 
     def texture(points: np.ndarray) -> np.ndarray:
         bright = np.sin(7 * points[:, 0]) * np.sin(5 * points[:, 1] + 1.0) > 0.2
@@ -258,7 +270,8 @@ def test_labels_hold_a_pose_that_geometry_lets_slide(registrar):
         target_labels=texture(wall),
     )
     slid, stayed = (np.linalg.norm(r.T_target_source[:3, 3]) for r in (bare, held))
-    assert stayed < 0.02 < slid
+    assert stayed < 0.05
+    assert slid > 0.2
 
 
 def test_labels_that_do_not_fit_are_refused(registrar, cloud):
