@@ -23,6 +23,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _NPZ = "application/x-npz"
 # A full queue; an instance that begins, ends or has died. Registering again does no harm.
+# Seconds that a proxy takes to send requests elsewhere.
+_AFTER_A_DEATH = 0.5
 _WORTH_A_RETRY = (httpx2.codes.TOO_MANY_REQUESTS, httpx2.codes.SERVICE_UNAVAILABLE)
 _DIAGNOSTICS = TypeAdapter(Diagnostics)
 
@@ -208,12 +210,21 @@ class Client:
         headers: Mapping[str, str] | None = None,
         **parts: Any,
     ) -> httpx2.Response:
-        """Send, and again while the service says that it's worth it and patience lasts."""
+        """Send, and again while it's worth it and patience lasts.
+
+        It is where the service says so, and where its instance dies in the middle of its answer.
+        """
         kind = {} if content is None else {"Content-Type": _NPZ}
         sent = {**kind, **(headers or {})}
         end = time.monotonic() + self._patience
         while True:
-            answer = self._http.request(method, path, content=content, headers=sent, **parts)
+            try:
+                answer = self._http.request(method, path, content=content, headers=sent, **parts)
+            except httpx2.RemoteProtocolError:
+                if time.monotonic() + _AFTER_A_DEATH > end:
+                    raise
+                time.sleep(_AFTER_A_DEATH)
+                continue
             if answer.is_success:
                 return answer
             wait = float(answer.headers.get("Retry-After", "inf"))

@@ -89,10 +89,12 @@ def test_a_killed_replica_loses_no_more_than_it_worked_on(ray: RayServe, pair: E
     for T in found:
         np.testing.assert_array_equal(T, found[0])
     statuses = Counter(status for status, _ in answers.elements())
-    assert statuses[200] == CALLERS * EACH
     assert statuses.keys() <= {200, 429, 503}
-    # Each caller had at most one request with it; none had, where it was between two.
-    assert statuses[503] <= CALLERS
+    # Each caller had at most one request with it; none had, where it was between two. An answer
+    # that broke off had begun as a 200.
+    broken_off = statuses[200] - CALLERS * EACH
+    assert broken_off >= 0
+    assert broken_off + statuses[503] <= CALLERS
     assert answers[503, "application/problem+json"] == statuses[503]
 
 
