@@ -22,9 +22,9 @@ from model import Diagnostics, RegistrationResult
 FloatArray = npt.NDArray[np.float64]
 
 _NPZ = "application/x-npz"
-# A full queue; an instance that begins, ends or has died. Registering again does no harm.
 # Seconds that a proxy takes to send requests elsewhere.
 _AFTER_A_DEATH = 0.5
+# A full queue; an instance that begins, ends or has died. Registering again does no harm.
 _WORTH_A_RETRY = (httpx2.codes.TOO_MANY_REQUESTS, httpx2.codes.SERVICE_UNAVAILABLE)
 _DIAGNOSTICS = TypeAdapter(Diagnostics)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -13,13 +14,14 @@ from model.search import (
     Candidates,
     Hypotheses,
     Start,
-    flip_start,
+    flipped_poses,
     grid_start,
     is_among,
     matched_start,
     refine,
-    slide_start,
+    slid_poses,
     support_of,
+    varied_start,
 )
 from model.settings import RegistrarSettings
 from model.side_by_side import side_by_side
@@ -53,12 +55,12 @@ class PoseSearch:
     _weighed: dict[bytes, float] = field(default_factory=dict, repr=False, compare=False)
 
     def run(self, thorough: bool = False) -> Candidates:
-        """Refine the start poses; where a doubt is left, flips, more matches and a grid, too.
+        """Refine the start poses; where a doubt is left, slides, flips, matches and a grid, too.
 
         A local search has one start pose and nothing to choose: nobody looks at the features yet.
 
         Args:
-            thorough: whether to look at flips without a doubt, too.
+            thorough: whether to look at slides and flips without a doubt, too.
 
         Returns:
             the candidates of all rounds, best first.
@@ -72,7 +74,8 @@ class PoseSearch:
         candidates = self._slid(candidates, thorough)
         if settings.flips and (thorough or self._doubtful(candidates)):
             best = candidates.poses[: settings.flips]
-            start = flip_start(start, best, x.sparse, z.sparse, farthest)
+            flips = partial(flipped_poses, target=x.sparse, source=z.sparse)
+            start = varied_start(start, "flip", flips, best, farthest)
             candidates = self._slid(self._also(candidates, start), thorough)
         for more, wanted in (
             (matched_start, settings.matches > 0 and settings.more_matches > 0),
@@ -160,8 +163,8 @@ class PoseSearch:
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
         best = candidates.poses[: settings.slides]
         spacing = self.pair.sparse_spacing
-        start = slide_start(self.start, best, x.sparse, z.sparse, spacing, farthest)
-        slid = start.hypotheses
+        slides = partial(slid_poses, target=x.sparse, source=z.sparse, spacing=spacing)
+        slid = varied_start(self.start, "slide", slides, best, farthest).hypotheses
         score = self.log_odds_at(slid.T_target_source.double().numpy())
         return self._distinct(candidates.joined(Candidates(slid, score, candidates.tried)))
 

@@ -2,17 +2,18 @@
 
 from model.search.candidates import Candidates, SearchSettings, refine
 from model.search.consensus import support_of
+from model.search.flips import flipped_poses
 from model.search.hypotheses import KINDS, Hypotheses, is_among, within
 from model.search.hypothesise import (
     HypothesisSettings,
     Start,
-    flip_start,
     given_start,
     grid_start,
     hypothesise,
     matched_start,
-    slide_start,
+    varied_start,
 )
+from model.search.slides import slid_poses
 
 __all__ = [
     "KINDS",
@@ -21,14 +22,15 @@ __all__ = [
     "HypothesisSettings",
     "SearchSettings",
     "Start",
-    "flip_start",
+    "flipped_poses",
     "given_start",
     "grid_start",
     "hypothesise",
     "is_among",
     "matched_start",
     "refine",
-    "slide_start",
+    "slid_poses",
     "support_of",
+    "varied_start",
     "within",
 ]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -19,14 +19,11 @@ from model.search.consensus import (
     consensus,
     fitted,
 )
-from model.search.flips import flipped_poses
 from model.search.grid_poses import GridLevel, slid_grid
 from model.search.hypotheses import Hypotheses, within
 from model.search.matching import matched_points, matched_poses
-from model.search.slides import slid_poses
 from model.search.voting import voted_poses
 from model.side_by_side import run_together
-from model.surface import SurfaceCloud
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -190,46 +187,24 @@ def matched_start(
     return start.with_others(matched, tried, max_rotation_deg)
 
 
-def flip_start(
+def varied_start(
     start: Start,
+    kind: str,
+    vary: Callable[[FloatArray], FloatArray],
     T: FloatArray,
-    target: SurfaceCloud,
-    source: SurfaceCloud,
     max_rotation_deg: float,
 ) -> Start:
-    """What good poses become when they are turned about the object's axes.
+    """What good poses become when they are turned about the object's axes, or slide along it.
 
     Args:
         start: the other start poses.
+        kind: ``flip`` or ``slide``.
+        vary: (4, 4) → (P, 4, 4).
         T: (K, 4, 4) good poses.
-        target: N points.
-        source: M points.
         max_rotation_deg: from the first of the start poses.
     """
-    flipped = np.concatenate([flipped_poses(pose, target, source) for pose in T])
-    return start.with_others(_of_kind("flip", flipped), len(flipped), max_rotation_deg)
-
-
-def slide_start(
-    start: Start,
-    T: FloatArray,
-    target: SurfaceCloud,
-    source: SurfaceCloud,
-    spacing: float,
-    max_rotation_deg: float,
-) -> Start:
-    """What good poses become when they slide along the surfaces.
-
-    Args:
-        start: the other start poses.
-        T: (K, 4, 4) good poses.
-        target: N points.
-        source: M points.
-        spacing: of the clouds.
-        max_rotation_deg: from the first of the start poses.
-    """
-    slid = np.concatenate([slid_poses(pose, target, source, spacing) for pose in T])
-    return start.with_others(_of_kind("slide", slid), len(slid), max_rotation_deg)
+    varied = np.concatenate([vary(pose) for pose in T])
+    return start.with_others(_of_kind(kind, varied), len(varied), max_rotation_deg)
 
 
 def grid_start(

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 import torch
 from scipy.spatial import KDTree
 
-from model.search import Hypotheses, Start, slide_start
+from model.search import Hypotheses, Start, slid_poses, varied_start
 from model.search.consensus import MatchedPoints
-from model.search.slides import slid_poses
 from model.surface import VIEW, SurfaceCloud, SurfaceLoop, overlapping, overlapping_view
 
 REACH = 0.12
@@ -135,8 +135,9 @@ def test_slides_turn_no_farther_than_allowed(crops):
     identity = Hypotheses.of_kind("identity", torch.eye(4)[None])
     start = Start(identity, MatchedPoints.none(), 1)
     T = shifted(0.02, 0.0, 0.0)[None]
-    free = slide_start(start, T, target, source, target.spacing, 180.0).hypotheses
-    held = slide_start(start, T, target, source, target.spacing, 0.5).hypotheses
+    slides = partial(slid_poses, target=target, source=source, spacing=target.spacing)
+    free = varied_start(start, "slide", slides, T, 180.0).hypotheses
+    held = varied_start(start, "slide", slides, T, 0.5).hypotheses
     assert int(free.of("slide").sum()) == 16
     assert 8 <= int(held.of("slide").sum()) < 16
 
