@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal, get_args
 
 import numpy as np
-import torch
 
 from model.exceptions import InvalidOptionError
 from training.data.modelnet import modelnet_layout
-from training.data.normals import estimated_normals
+from training.data.normals import with_normals
 from training.data.packed import PackedShapes, read_packed
 from training.data.procedural import ProceduralShapes
 from training.data.seeding import Stream, derived_seed, numpy_generator
@@ -45,11 +44,7 @@ class ShapeCollection:
 
     def __getitem__(self, number: int) -> Shape:
         """A shape with normals: its own, or those estimated from its points."""
-        shape = self.shapes[number]
-        if shape.normals is not None:
-            return shape
-        normals = estimated_normals(shape.points.double().numpy())
-        return replace(shape, normals=torch.from_numpy(normals).float())
+        return with_normals(self.shapes[number])
 
 
 def open_shapes(data: str, split: Split, seed: int, points: int = 4096) -> ShapeCollection:

@@ -34,8 +34,8 @@ WEIGHTS_FILE = "encoder.safetensors"
 DESCRIPTION_FILE = "artifact.json"
 SHIPPED = Path(__file__).parent / "artifacts"
 DEFAULT_NAME = "default"
-# Of the normal network's tensors, which share the weights file with the encoder's.
-NORMALS_PREFIX = "normals."
+# Of the normal networks' tensors, which share the weights file with the encoder's.
+_PREFIXES = {"normals": "normals.", "pair_normals": "pair_normals."}
 
 _REQUIRED = ("format_version", "name", "encoder", "kernel", "solver", "training", "weights_sha256")
 
@@ -55,6 +55,8 @@ class Artifact:
         weights_sha256: of the weights file; empty until written.
         verifier: judges candidates and gives the probability; None until one is fitted.
         normals: corrects fitted normals; None until it is trained.
+        pair_normals: does so for two clouds that meet, and weighs their points; None until it is
+            trained.
     """
 
     name: str
@@ -67,6 +69,17 @@ class Artifact:
     weights_sha256: str = field(default="")
     verifier: Verifier | None = None
     normals: NormalNetwork | None = None
+    pair_normals: NormalNetwork | None = None
+
+    @property
+    def learned_normals(self) -> tuple[NormalNetwork | None, NormalNetwork | None]:
+        """The networks for clouds by themselves and for pairs; none where they are switched off.
+
+        Without one of its own a pair gets the one for clouds.
+        """
+        if not self.settings.learned_normals:
+            return None, None
+        return self.normals, self.pair_normals or self.normals
 
     def encoder(self) -> nn.Module:
         """The encoder with its weights, in evaluation mode.
@@ -95,7 +108,10 @@ class Artifact:
             "kernel": {"feature": self.kernel},
             "solver": self.settings.as_dict(),
             "verifier": None if self.verifier is None else self.verifier.as_dict(),
-            "normals": None if self.normals is None else self.normals.architecture,
+            **{
+                name: None if network is None else network.architecture
+                for name, network in _networks(self).items()
+            },
             "training": dict(self.training),
             "weights_sha256": self.weights_sha256,
         }
@@ -146,8 +162,9 @@ def _is_artifact_or_empty(directory: Path) -> bool:
 
 def _write(artifact: Artifact, directory: Path) -> None:
     weighed = dict(artifact.weights)
-    if artifact.normals is not None:
-        weighed |= {NORMALS_PREFIX + k: w for k, w in artifact.normals.state_dict().items()}
+    for name, network in _networks(artifact).items():
+        if network is not None:
+            weighed |= {_PREFIXES[name] + k: w for k, w in network.state_dict().items()}
     tensors = {name: w.detach().contiguous().cpu() for name, w in weighed.items()}
     weights = safetensors.torch.save(tensors)
     description = artifact.description()
@@ -170,6 +187,7 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
     directory = _locate(place)
     description = _read_description(directory / DESCRIPTION_FILE)
     weights = _read_weights(directory / WEIGHTS_FILE, description["weights_sha256"])
+    prefixes = tuple(_PREFIXES.values())
     try:
         return Artifact(
             name=str(description["name"]),
@@ -178,10 +196,13 @@ def load_artifact(place: Path | str | None = None) -> Artifact:
             kernel=feature_kernel(description["kernel"]["feature"]).name,
             settings=RegistrarSettings.from_dict(description["solver"]),
             training=description["training"],
-            weights={k: w for k, w in weights.items() if not k.startswith(NORMALS_PREFIX)},
+            weights={k: w for k, w in weights.items() if not k.startswith(prefixes)},
             weights_sha256=description["weights_sha256"],
             verifier=_verifier(description.get("verifier")),
-            normals=_normals(description.get("normals"), weights),
+            **{
+                name: _normals(description.get(name), prefix, weights)
+                for name, prefix in _PREFIXES.items()
+            },
         )
     except (KeyError, TypeError, InvalidOptionError, RuntimeError) as error:
         raise ArtifactFormatError(
@@ -196,14 +217,18 @@ def _verifier(plain: Mapping[str, Any] | None) -> Verifier | None:
     return None if plain is None else Verifier.from_dict(plain)
 
 
+def _networks(artifact: Artifact) -> dict[str, NormalNetwork | None]:
+    return {"normals": artifact.normals, "pair_normals": artifact.pair_normals}
+
+
 def _normals(
-    architecture: Mapping[str, Any] | None, weights: Mapping[str, Tensor]
+    architecture: Mapping[str, Any] | None, prefix: str, weights: Mapping[str, Tensor]
 ) -> NormalNetwork | None:
     if architecture is None:
         return None
     network = NormalNetwork(**architecture)
-    mine = {k: w for k, w in weights.items() if k.startswith(NORMALS_PREFIX)}
-    network.load_state_dict({k.removeprefix(NORMALS_PREFIX): w for k, w in mine.items()})
+    mine = {k: w for k, w in weights.items() if k.startswith(prefix)}
+    network.load_state_dict({k.removeprefix(prefix): w for k, w in mine.items()})
     return network.requires_grad_(False).eval()
 
 

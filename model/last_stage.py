@@ -18,7 +18,7 @@ from model.kernel import InnerProducts, RkhsKernel
 from model.prepared_cloud import PreparedCloud
 from model.se3 import rigid
 from model.settings import RegistrarSettings
-from model.surface import Correct, SurfaceLoop, surface_product
+from model.surface import CorrectPair, SurfaceLoop, surface_product
 from model.uncertainty import Uncertainty, pull_spread
 
 FloatArray = npt.NDArray[np.float64]
@@ -75,12 +75,12 @@ class SurfaceStage:
     Attributes:
         loop: see SurfaceLoop.
         features: whether κ(f·g) takes part, or the metric alone.
-        correct: improves normals that are fitted to both clouds.
+        correct: improves normals that are fitted to both clouds, and weighs their points.
     """
 
     loop: SurfaceLoop
     features: bool
-    correct: Correct | None
+    correct: CorrectPair | None
 
     def solve(
         self, target: PreparedCloud, source: PreparedCloud, T: FloatArray, stop: Stop
@@ -168,7 +168,7 @@ class PaperStage:
 
 
 def last_stage(
-    settings: RegistrarSettings, solver: str, kernel: RkhsKernel, correct: Correct | None
+    settings: RegistrarSettings, solver: str, kernel: RkhsKernel, correct: CorrectPair | None
 ) -> LastStage:
     """The stage by the solver's name."""
     if solver == "surface":

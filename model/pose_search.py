@@ -12,6 +12,7 @@ from model.options import Options
 from model.pair import Pair
 from model.search import (
     Candidates,
+    Holding,
     Hypotheses,
     Start,
     flipped_poses,
@@ -19,6 +20,7 @@ from model.search import (
     is_among,
     matched_start,
     refine,
+    shifted_poses,
     slid_poses,
     support_of,
     varied_start,
@@ -55,12 +57,12 @@ class PoseSearch:
     _weighed: dict[bytes, float] = field(default_factory=dict, repr=False, compare=False)
 
     def run(self, thorough: bool = False) -> Candidates:
-        """Refine the start poses; where a doubt is left, slides, flips, matches and a grid, too.
+        """Refine the start poses; in doubt slides, shifts, flips, matches and a grid, too.
 
         A local search has one start pose and nothing to choose: nobody looks at the features yet.
 
         Args:
-            thorough: whether to look at slides and flips without a doubt, too.
+            thorough: whether to look at slides, shifts and flips without a doubt, too.
 
         Returns:
             the candidates of all rounds, best first.
@@ -72,9 +74,14 @@ class PoseSearch:
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
         spacing = self.pair.sparse_spacing
         candidates = self._slid(candidates, thorough)
+        if settings.shifts and (thorough or self._loose(candidates)):
+            shifts = partial(shifted_poses, target=x.sparse, source=z.sparse, spacing=spacing)
+            best = candidates.poses[: settings.shifts]
+            start = varied_start(start, "shift", shifts, best, farthest)
+            candidates = self._slid(self._also(candidates, start), thorough)
         if settings.flips and (thorough or self._doubtful(candidates)):
-            best = candidates.poses[: settings.flips]
             flips = partial(flipped_poses, target=x.sparse, source=z.sparse)
+            best = candidates.poses[: settings.flips]
             start = varied_start(start, "flip", flips, best, farthest)
             candidates = self._slid(self._also(candidates, start), thorough)
         for more, wanted in (
@@ -138,6 +145,14 @@ class PoseSearch:
     def _doubtful(self, candidates: Candidates) -> bool:
         late = self.options.deadline.passed()
         return bool(candidates.score[0] < self.judge.DOUBT) and not late
+
+    def _loose(self, candidates: Candidates) -> bool:
+        """Whether the judge doubts the best, or its surfaces hold it so weakly that it could."""
+        if self._doubtful(candidates):
+            return True
+        x, z, spacing = self.pair.target.sparse, self.pair.source.sparse, self.pair.sparse_spacing
+        weak = Holding.of(candidates.poses[0], x, z, spacing).is_weak
+        return weak and not self.options.deadline.passed()
 
     def _one_refined(self) -> Candidates:
         refined = self._stepped(self.start)

@@ -47,8 +47,9 @@ class Registrar:
         self._groups = int(getattr(encoder, "groups", 1))
         self._encode_points = compiled_encoder(encoder) or encoder
         self._kernel = RkhsKernel(artifact.kernel)
-        learned = artifact.normals if artifact.settings.learned_normals else None
-        self._correct_normals = None if learned is None else CompiledNormals(learned)
+        alone, of_pairs = artifact.learned_normals
+        self._correct_normals = None if alone is None else CompiledNormals(alone)
+        self._correct_pair = None if of_pairs is None else CompiledNormals(of_pairs).of_pair
         self._judge: Judge = artifact.verifier or SurfaceAgreement()
 
     @classmethod
@@ -242,7 +243,7 @@ class Registrar:
     def _solve(self, pose_search: PoseSearch, candidates: Candidates) -> Solved:
         """Solve the contenders, let the judge decide."""
         pair, options, settings = pose_search.pair, pose_search.options, self.artifact.settings
-        stage = last_stage(settings, options.solver, self._kernel, self._correct_normals)
+        stage = last_stage(settings, options.solver, self._kernel, self._correct_pair)
         stop = options.deadline.passed
 
         def solve(T: FloatArray) -> Solved:

@@ -60,6 +60,7 @@ class RegistrarSettings:
             matches=0,
             more_matches=0,
             flips=0,
+            shifts=0,
             slides=0,
             grid_step_deg=0.0,
         )

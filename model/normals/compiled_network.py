@@ -10,7 +10,7 @@ import numpy.typing as npt
 from torch import Tensor
 
 from model.compiled import compiled
-from model.normals.network import FLOOR, POINT_TRAITS, NormalNetwork
+from model.normals.network import FLOOR, PAIR_TRAITS, POINT_TRAITS, WORTH, NormalNetwork
 from model.side_by_side import side_by_side
 from model.surface.axes import least_axis
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
@@ -25,7 +25,7 @@ class RoundWeights(NamedTuple):
     """Of one round, with H hidden units and Z numbers of memory; without memory before, Z is 0.
 
     Attributes:
-        pair: (H, PAIR_TRAITS).
+        pair: (H, PAIR_TRAITS), or a column more for two clouds that meet.
         pair_bias: (H,).
         here: (H, Z) of the point's memory.
         there: (H, Z) of the neighbour's.
@@ -53,6 +53,7 @@ class CloudState(NamedTuple):
         near: (E,) their rows.
         points: (N, 3).
         normals: (N, 3).
+        layer: (N,) which of two clouds that meet each is of; 0 in a cloud by itself.
         memory: (N, Z); Z is 0 in the first round.
     """
 
@@ -60,11 +61,12 @@ class CloudState(NamedTuple):
     near: Rows
     points: FloatArray
     normals: FloatArray
+    layer: IntArray
     memory: Array32
 
 
 class CompiledNormals:
-    """Corrects the normals of one cloud.
+    """Corrects the normals of one cloud, or of two that meet.
 
     Args:
         network: whose weights.
@@ -87,6 +89,9 @@ class CompiledNormals:
             )
             for r in range(rounds)
         ]
+        self._worth: tuple[Array32, Array32] | None = None
+        if network.worth is not None:
+            self._worth = _array(weights["worth.weight"])[0], _array(weights["worth.bias"])
 
     def __call__(
         self, cells: Cells, normals: FloatArray, reach: float, spacing: float
@@ -99,12 +104,38 @@ class CompiledNormals:
             reach: within which points are neighbours.
             spacing: of the cloud.
         """
+        alone = np.zeros(len(normals), np.int64)
+        return self._state(cells, normals, reach, spacing, alone).normals
+
+    def of_pair(
+        self, cells: Cells, normals: FloatArray, reach: float, spacing: float, layer: IntArray
+    ) -> tuple[FloatArray, FloatArray]:
+        """Unit normals (N, 3) and weights (N,); the weights are 1 from a network of one layer.
+
+        Args:
+            cells: of both clouds as one, at least ``reach`` in size.
+            normals: (N, 3) fitted, in cell order.
+            reach: within which points are neighbours.
+            spacing: of both clouds as one.
+            layer: (N,) which of both each point is of, in cell order.
+        """
+        state = self._state(cells, normals, reach, spacing, layer)
+        if self._worth is None:
+            return state.normals, np.ones(len(normals))
+        weight, bias = self._worth
+        said = (state.memory @ weight + bias).astype(np.float64)
+        return state.normals, 1.0 / (1.0 + np.exp(-WORTH * said))
+
+    def _state(
+        self, cells: Cells, normals: FloatArray, reach: float, spacing: float, layer: IntArray
+    ) -> CloudState:
+        """After the last round."""
         start, near = neighbours(cells, reach)
         memory = np.zeros((len(normals), 0), np.float32)
-        state = CloudState(start, near, cells.points, normals, memory)
+        state = CloudState(start, near, cells.points, normals, layer, memory)
         for weights in self._rounds:
             state = _voted(state, spacing, weights)
-        return state.normals
+        return state
 
 
 def _voted(state: CloudState, spacing: float, weights: RoundWeights) -> CloudState:
@@ -159,7 +190,8 @@ def vote(
         out: (N, 3) gets their normals.
         memory_out: (N, Z) gets what they remember.
     """
-    start, near, x, normals, memory = state
+    start, near, x, normals, layer, memory = state
+    layered = weights.pair.shape[1] > PAIR_TRAITS
     n, Z, H = len(x), memory.shape[1], len(weights.pair_bias)
     kept = len(weights.keep_bias)
     there = np.zeros((H, n), np.float32)
@@ -171,7 +203,7 @@ def vote(
     for i in range(n):
         longest = max(longest, start[i + 1] - start[i])
     e, u = np.empty((3, longest)), np.empty((3, longest))
-    traits = np.empty((6, longest), np.float32)
+    traits = np.zeros((7, longest), np.float32)
     hidden = np.empty(longest, np.float32)
     said = np.empty((2, longest), np.float32)
     heard, flatness = np.empty(kept, np.float32), np.empty(3)
@@ -196,6 +228,7 @@ def vote(
             traits[3, a] = abs(below)
             traits[4, a] = facing * facing
             traits[5, a] = above * below * facing
+            traits[6, a] = layer[p] == layer[i]
         for a in range(count):
             said[0, a], said[1, a] = weights.say_bias[0], weights.say_bias[1]
         for z in range(kept):
@@ -206,6 +239,7 @@ def vote(
                 own += weights.here[h, z] * memory[i, z]
             w0, w1, w2 = weights.pair[h, 0], weights.pair[h, 1], weights.pair[h, 2]
             w3, w4, w5 = weights.pair[h, 3], weights.pair[h, 4], weights.pair[h, 5]
+            w6 = weights.pair[h, 6] if layered else np.float32(0.0)
             for a in range(count):
                 hidden[a] = (
                     own
@@ -215,6 +249,7 @@ def vote(
                     + w3 * traits[3, a]
                     + w4 * traits[4, a]
                     + w5 * traits[5, a]
+                    + w6 * traits[6, a]
                 )
             if Z:
                 for a in range(count):

@@ -4,9 +4,15 @@ A plane fitted to few and noisy points, some of them off the surface or beyond a
 15° in the median; which neighbours to trust can be learned from shapes whose normals are known. The
 network sees numbers that no motion changes, and weighs directions that turn with the cloud, so the
 normals are as equivariant as fitted ones.
+
+Of two clouds that meet at a pose the network also sees which neighbours are of the same cloud, as
+only these are where they belong if the pose is not right yet; and it says how much each point
+should count.
 """
 
 from __future__ import annotations
+
+from typing import Literal, NamedTuple
 
 import torch
 from torch import Tensor, nn
@@ -17,8 +23,22 @@ PAIR_TRAITS = 6
 POINT_TRAITS = 3
 # What keeps the logarithms of next to nothing finite.
 FLOOR = 1e-3
+# Steepness of the weights, which start at 1/2.
+WORTH = 2.0
 # Eigenvalues nearer than this say nothing about the direction between them.
 _LEAST_GAP = 0.05
+
+
+class Corrected(NamedTuple):
+    """What the network says of N points.
+
+    Attributes:
+        normals: after each round, (N, 3); their signs mean nothing.
+        weight: (N,) what each counts, between 0 and 1, where the network looks at pairs of clouds.
+    """
+
+    normals: list[Tensor]
+    weight: Tensor | None
 
 
 class NormalNetwork(nn.Module):
@@ -28,12 +48,16 @@ class NormalNetwork(nn.Module):
         rounds: in each, points hear what their neighbours found in the round before.
         hidden: units of the perceptron that weighs a neighbour.
         memory: numbers that a point keeps from one round to the next, and shows its neighbours.
+        layers: 2 for two clouds that meet at a pose, 1 for clouds by themselves.
     """
 
-    def __init__(self, rounds: int = 2, hidden: int = 16, memory: int = 8) -> None:
+    def __init__(
+        self, rounds: int = 2, hidden: int = 16, memory: int = 8, layers: Literal[1, 2] = 1
+    ) -> None:
         super().__init__()
-        self.architecture = {"rounds": rounds, "hidden": hidden, "memory": memory}
-        self.pair = nn.ModuleList(nn.Linear(PAIR_TRAITS, hidden) for _ in range(rounds))
+        self.architecture = {"rounds": rounds, "hidden": hidden, "memory": memory, "layers": layers}
+        traits = PAIR_TRAITS + layers - 1
+        self.pair = nn.ModuleList(nn.Linear(traits, hidden) for _ in range(rounds))
         self.here = nn.ModuleList(nn.Linear(memory, hidden, False) for _ in range(rounds - 1))
         self.there = nn.ModuleList(nn.Linear(memory, hidden, False) for _ in range(rounds - 1))
         self.say = nn.ModuleList(nn.Linear(hidden, 2 + memory) for _ in range(rounds))
@@ -41,23 +65,35 @@ class NormalNetwork(nn.Module):
             nn.Linear((2 if r else 1) * memory + POINT_TRAITS, memory) for r in range(rounds)
         )
 
+        self.worth = nn.Linear(memory, 1) if layers == 2 else None
+
     def forward(
-        self, points: Tensor, normals: Tensor, spacing: Tensor, i: Tensor, j: Tensor
-    ) -> list[Tensor]:
-        """The normals after each round, (N, 3); their signs mean nothing.
+        self,
+        points: Tensor,
+        normals: Tensor,
+        spacing: Tensor,
+        i: Tensor,
+        j: Tensor,
+        layer: Tensor | None = None,
+    ) -> Corrected:
+        """Vote.
 
         Args:
             points: (N, 3), of one cloud or several.
             normals: (N, 3) fitted unit normals to start from.
             spacing: (N,) of the cloud that each point belongs to.
             i: (E,) a point.
-            j: (E,) a point near it, of the same cloud.
+            j: (E,) a point near it, of the same cloud or of the one that meets it.
+            layer: (N,) which of two clouds that meet each point is of.
         """
         e = (points[j] - points[i]) / spacing[i, None]
         count = torch.zeros_like(spacing).index_add(0, i, torch.ones_like(e[:, 0])).clamp_min(1.0)
+        if self.worth is None:
+            layer = None
+        same = None if layer is None else (layer[i] == layer[j]).to(e)
         n, memory, found = normals, None, []
         for r, (pair, say, keep) in enumerate(zip(self.pair, self.say, self.keep, strict=True)):
-            hidden = pair(pair_traits(e, n[i], n[j]))
+            hidden = pair(pair_traits(e, n[i], n[j], same))
             if memory is not None:
                 hidden = hidden + self.here[r - 1](memory)[i] + self.there[r - 1](memory)[j]
             said = say(nn.functional.softsign(hidden))
@@ -70,31 +106,32 @@ class NormalNetwork(nn.Module):
                 traits.append(memory)
             memory = nn.functional.softsign(keep(torch.cat(traits, dim=1)))
             found.append(n)
-        return found
+        if self.worth is None or memory is None:
+            return Corrected(found, None)
+        return Corrected(found, torch.sigmoid(WORTH * self.worth(memory)[:, 0]))
 
 
-def pair_traits(e: Tensor, here: Tensor, there: Tensor) -> Tensor:
-    """What no motion and no sign of a normal changes, (E, PAIR_TRAITS).
+def pair_traits(e: Tensor, here: Tensor, there: Tensor, same: Tensor | None = None) -> Tensor:
+    """What no motion and no sign of a normal changes, (E, PAIR_TRAITS), or one more of two clouds.
 
     Args:
         e: (E, 3) from a point to its neighbour, in spacings.
         here: (E, 3) the point's normal.
         there: (E, 3) the neighbour's.
+        same: (E,) 1 where both are of one cloud, else 0.
     """
     r2 = e.square().sum(1)
     above, below = (e * here).sum(1), (e * there).sum(1)
     facing = (here * there).sum(1)
-    return torch.stack(
-        [
-            (r2 + 1e-12).sqrt(),
-            0.25 * r2,
-            above.abs(),
-            below.abs(),
-            facing.square(),
-            above * below * facing,
-        ],
-        dim=1,
-    )
+    traits = [
+        (r2 + 1e-12).sqrt(),
+        0.25 * r2,
+        above.abs(),
+        below.abs(),
+        facing.square(),
+        above * below * facing,
+    ]
+    return torch.stack(traits if same is None else [*traits, same], dim=1)
 
 
 def squareplus(x: Tensor) -> Tensor:

@@ -13,11 +13,13 @@ from model.search.hypothesise import (
     matched_start,
     varied_start,
 )
-from model.search.slides import slid_poses
+from model.search.shifts import shifted_poses
+from model.search.slides import Holding, slid_poses
 
 __all__ = [
     "KINDS",
     "Candidates",
+    "Holding",
     "Hypotheses",
     "HypothesisSettings",
     "SearchSettings",
@@ -29,6 +31,7 @@ __all__ = [
     "is_among",
     "matched_start",
     "refine",
+    "shifted_poses",
     "slid_poses",
     "support_of",
     "varied_start",

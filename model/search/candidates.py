@@ -13,7 +13,7 @@ from model.sampling import scattered_subset
 from model.search.hypotheses import KINDS, Hypotheses, distinct, within
 from model.search.hypothesise import ROTATION_SLACK_DEG, Start
 from model.side_by_side import side_by_side
-from model.surface import VIEW, SurfaceArrays, SurfaceCloud, descend, overlapping_view
+from model.surface import VIEW, SurfaceArrays, SurfaceCloud, descend
 
 FloatArray = npt.NDArray[np.float64]
 Stop = Callable[[], bool]
@@ -35,7 +35,6 @@ class SearchLevel:
         kept: most candidates that enter this level, the best by the judge.
         points: source points that move a candidate.
         target_points: target points that they move towards; None for all.
-        overlap: points with none of the other cloud within this don't take part; 0 for all.
     """
 
     lengthscale: float
@@ -44,14 +43,13 @@ class SearchLevel:
     kept: int
     points: int = 256
     target_points: int | None = None
-    overlap: float = 0.0
 
 
 def _levels() -> list[SearchLevel]:
     return [
-        SearchLevel(1.5, 0.75, 3, 24, points=128, target_points=160, overlap=2.2),
-        SearchLevel(1.0, 0.4, 4, 10, points=192, target_points=280, overlap=1.6),
-        SearchLevel(0.7, 0.25, 4, 5, points=420, overlap=1.2),
+        SearchLevel(1.5, 0.75, 3, 24, points=128, target_points=160),
+        SearchLevel(1.0, 0.4, 4, 10, points=192, target_points=280),
+        SearchLevel(0.7, 0.25, 4, 5, points=420),
     ]
 
 
@@ -192,10 +190,7 @@ def _stepped(
     def stepped(pose: FloatArray) -> FloatArray:
         if stop():
             return pose
-        x, z = view, source
-        if level.overlap:
-            x, z = overlapping_view(view, source, pose, level.overlap * spacing)
-        found = descend(x.cells, x.arrays, z, pose, ell, across, level.steps, _TOLERANCE)
+        found = descend(view.cells, view.arrays, source, pose, ell, across, level.steps, _TOLERANCE)
         return found.T_target_source
 
     moved = np.stack(side_by_side(stepped, T))

@@ -17,7 +17,7 @@ from model.se3 import rotation_angle
 FloatArray = npt.NDArray[np.float64]
 IntArray = npt.NDArray[np.int64]
 
-KINDS = ("initial", "identity", "consensus", "matched", "flip", "slide", "grid")
+KINDS = ("initial", "identity", "consensus", "matched", "flip", "shift", "slide", "grid")
 
 
 @dataclass(frozen=True, slots=True)

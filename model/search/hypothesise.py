@@ -48,6 +48,7 @@ class HypothesisSettings:
         more_matches: the same where the others leave a doubt; 0, or no matches, for none.
         more_voted: most of those that are kept.
         flips: how many of the best candidates are turned about the object's axes; see flips.py.
+        shifts: how many of them are shifted to where the most surface meets; see shifts.py.
         slides: how many of them slide along what resists them least; see slides.py.
         grid_step_deg: spacing of the SO(3) grid; 0 for no grid.
         grid_levels: how the grid's poses slide into the basins of wide kernels.
@@ -62,6 +63,7 @@ class HypothesisSettings:
     more_matches: int = 800
     more_voted: int = 40
     flips: int = 2
+    shifts: int = 2
     slides: int = 2
     grid_step_deg: float = 30.0
     grid_levels: Sequence[GridLevel] = field(default_factory=_grid_levels)
@@ -198,7 +200,7 @@ def varied_start(
 
     Args:
         start: the other start poses.
-        kind: ``flip`` or ``slide``.
+        kind: ``flip``, ``shift`` or ``slide``.
         vary: (4, 4) → (P, 4, 4).
         T: (K, 4, 4) good poses.
         max_rotation_deg: from the first of the start poses.

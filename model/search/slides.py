@@ -6,6 +6,8 @@ on surface; how the ends of the clouds meet then tells which is right, and the j
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 import numpy.typing as npt
 
@@ -20,6 +22,55 @@ _AXES = 2
 _STEPS = (0.7, 1.4, 2.1, 3.0)
 # Points with none of the other cloud within so many spacings don't resist.
 _OVERLAP = 1.2
+
+# A motion is weakly held where it moves points across the surface by less than this share of what
+# the best held one does, in the mean square.
+_WEAKLY = 0.08
+
+
+class Holding(NamedTuple):
+    """How firmly the surfaces of two clouds hold each other at a pose.
+
+    Attributes:
+        motions: (6, 6) rows (ρ, radius · φ) of unit length, the least resisted first.
+        resistance: (6,) mean square height by which each moves points across the surface.
+        centre: (3,) of the turns.
+        radius: of the points about it.
+    """
+
+    motions: FloatArray
+    resistance: FloatArray
+    centre: FloatArray
+    radius: float
+
+    @classmethod
+    def of(
+        cls, T: FloatArray, target: SurfaceCloud, source: SurfaceCloud, spacing: float
+    ) -> Holding:
+        """Of the points of both clouds that meet at T (4, 4)."""
+        x, z = overlapping(target, source, T, _OVERLAP * spacing)
+        R = T[:3, :3]
+        points = np.concatenate([x.arrays.points, z.arrays.points @ R.T + T[:3, 3]])
+        normals = np.concatenate([x.arrays.normals, z.arrays.normals @ R.T])
+        centre = points.mean(axis=0)
+        centred = points - centre
+        radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+        heights = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
+        resistance, axes = np.linalg.eigh(heights.T @ heights / len(points))
+        return cls(axes.T, resistance, centre, radius)
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether the pose could be another along some motion."""
+        return bool(self.resistance[0] < _WEAKLY * self.resistance[-1])
+
+    def moved(self, axis: int, by: float) -> FloatArray:
+        """(4, 4) one of the motions, by so much."""
+        motion = self.motions[axis]
+        angle = float(np.linalg.norm(motion[3:]))
+        S = turn(motion[3:] / max(angle, 1e-12), by * angle / self.radius, self.centre)
+        S[:3, 3] += by * motion[:3]
+        return S
 
 
 def slid_poses(
@@ -36,24 +87,6 @@ def slid_poses(
     Returns:
         (16, 4, 4).
     """
-    x, z = overlapping(target, source, T, _OVERLAP * spacing)
-    R = T[:3, :3]
-    points = np.concatenate([x.arrays.points, z.arrays.points @ R.T + T[:3, 3]])
-    normals = np.concatenate([x.arrays.normals, z.arrays.normals @ R.T])
-    centroid = points.mean(axis=0)
-    centred = points - centroid
-    radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-    heights = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
-    weakest = np.linalg.eigh(heights.T @ heights)[1][:, :_AXES].T
+    held = Holding.of(T, target, source, spacing)
     steps = spacing * np.concatenate([_STEPS, np.negative(_STEPS)])
-    moves = [_moved(axis, step, centroid, radius) for axis in weakest for step in steps]
-    return np.stack(moves) @ T
-
-
-def _moved(motion: FloatArray, by: float, centre: FloatArray, radius: float) -> FloatArray:
-    """(4, 4) the motion (ρ, radius · φ) of unit length, by so much."""
-    angle = float(np.linalg.norm(motion[3:]))
-    axis = motion[3:] / max(angle, 1e-12)
-    S = turn(axis, by * angle / radius, centre)
-    S[:3, 3] += by * motion[:3]
-    return S
+    return np.stack([held.moved(axis, step) for axis in range(_AXES) for step in steps]) @ T

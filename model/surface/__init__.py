@@ -8,10 +8,11 @@ from model.surface.descent import Descent, descend
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.newton import newton_polish
-from model.surface.overlap import overlapping, overlapping_view
+from model.surface.overlap import overlapping
 from model.surface.patches import Correct, Patches, surface_spacing
 from model.surface.product import surface_product, surface_products
 from model.surface.solver import SurfaceLoop, SurfaceSolution
+from model.surface.together import CorrectPair
 
 __all__ = [
     "REACH",
@@ -19,6 +20,7 @@ __all__ = [
     "CellView",
     "Cells",
     "Correct",
+    "CorrectPair",
     "Descent",
     "NearPairs",
     "Patches",
@@ -34,7 +36,6 @@ __all__ = [
     "nearest_others",
     "newton_polish",
     "overlapping",
-    "overlapping_view",
     "surface_curvature",
     "surface_moments",
     "surface_product",

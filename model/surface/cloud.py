@@ -147,9 +147,11 @@ class SurfaceCloud:
         arrays = self.arrays._replace(features=flat)
         return SurfaceCloud(arrays, self.spacing, self.roughness, known)
 
-    def with_normals(self, normals: FloatArray) -> SurfaceCloud:
-        """The same with other normals (N, 3)."""
-        arrays = self.arrays._replace(normals=np.ascontiguousarray(normals))
+    def with_normals(self, normals: FloatArray, weights: FloatArray | float = 1.0) -> SurfaceCloud:
+        """The same with other normals (N, 3), each point counting so many times (N,) as much."""
+        arrays = self.arrays._replace(
+            normals=np.ascontiguousarray(normals), weights=self.arrays.weights * weights
+        )
         return SurfaceCloud(arrays, self.spacing, self.roughness)
 
 

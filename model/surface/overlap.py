@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from model.compiled import compiled
-from model.surface.arrays import SurfaceArrays, ordered
 from model.surface.cells import Cells, FloatArray, IntArray, runs_around
-from model.surface.cloud import CellView, SurfaceCloud
+from model.surface.cloud import SurfaceCloud
 from model.surface.rigid import moved
 
 Met = npt.NDArray[np.bool_]
@@ -42,20 +41,6 @@ def overlapping(
     if _few(target_met, source_met):
         return target, source
     return _cut(target, view.cells.order[target_met]), _cut(source, np.flatnonzero(source_met))
-
-
-def overlapping_view(
-    view: CellView, source: SurfaceArrays, T: FloatArray, reach: float
-) -> tuple[CellView, SurfaceArrays]:
-    """The same of a target that lies in cells already, of at least ``reach``."""
-    target_met, source_met = points_that_meet(view.cells, source.points, T, reach)
-    if _few(target_met, source_met):
-        return view, source
-    kept = np.flatnonzero(target_met)
-    return (
-        CellView(_cells_left(view.cells, target_met), ordered(view.arrays, kept)),
-        ordered(source, np.flatnonzero(source_met)),
-    )
 
 
 @compiled
@@ -94,13 +79,3 @@ def _cut(cloud: SurfaceCloud, rows: IntArray) -> SurfaceCloud:
     if len(rows) == len(cloud.arrays.points):
         return cloud
     return cloud.select(np.sort(rows), cloud.spacing)
-
-
-def _cells_left(cells: Cells, kept: Met) -> Cells:
-    """The same grid with some of its points."""
-    before = np.concatenate([[0], np.cumsum(kept)])
-    return cells._replace(
-        points=np.ascontiguousarray(cells.points[kept]),
-        order=cells.order[kept],
-        start=before[cells.start],
-    )

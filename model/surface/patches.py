@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.spatial import KDTree
@@ -26,6 +27,32 @@ _FIRST_CELL, _WIDENINGS = 1.2, 8
 
 # Cells, fitted normals (N, 3) in their order, the reach of a neighbour and the spacing → normals.
 Correct = Callable[[Cells, FloatArray, float, float], FloatArray]
+
+
+class Planes(NamedTuple):
+    """Planes fitted around every point of a cloud, in cell order.
+
+    Attributes:
+        cells: of the cloud.
+        normals: (N, 3).
+        heights: (N,) of the points above the mean of their neighbours.
+        reach: within which points are neighbours.
+        spacing: see Patches.
+    """
+
+    cells: Cells
+    normals: FloatArray
+    heights: FloatArray
+    reach: float
+    spacing: float
+
+    @classmethod
+    def of(cls, points: FloatArray, spacing: float | None = None) -> Planes:
+        """Fit them to points (N, 3), whose spacing may be known already."""
+        spacing = surface_spacing(points) if spacing is None else spacing
+        reach = neighbour_reach(spacing)
+        cells = cells_of(points, reach)
+        return cls(cells, *_normals(cells, reach, _BALL * spacing), reach, spacing)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,11 +83,8 @@ class Patches:
             spacing: if it is known already.
             correct: improves the fitted normals; see ``CompiledNormals``.
         """
-        spacing = surface_spacing(points) if spacing is None else spacing
-        reach = neighbour_reach(spacing)
-        cells = cells_of(points, reach)
+        cells, fitted, heights, reach, spacing = Planes.of(points, spacing)
         normals = np.empty_like(points)
-        fitted, heights = _normals(cells, reach, _BALL * spacing)
         normals[cells.order] = fitted if correct is None else correct(cells, fitted, reach, spacing)
         return cls(points, normals, spacing, float(np.median(heights)) / spacing)
 

@@ -20,10 +20,9 @@ from model.surface.meeting import Meeting
 from model.surface.moments import REACH, VIEW
 from model.surface.newton import newton_polish
 from model.surface.overlap import overlapping
-from model.surface.patches import Correct
 from model.surface.product import surface_norms, surface_products
 from model.surface.spread import pull_spread
-from model.surface.together import seen_together
+from model.surface.together import CorrectPair, seen_together
 
 Stop = Callable[[], bool]
 
@@ -72,8 +71,8 @@ class SurfaceLoop:
         least: lower bound of ℓ.
         least_across: lower bound of ℓ_n.
         tolerance: a step with ‖δ‖ below this ends a level.
-        together: how often few points that were sampled independently get new normals, fitted to
-            both clouds at the present pose, and are solved again.
+        together: how often few points that were sampled independently get new normals and weights
+            from both clouds at the present pose, and are solved again.
         overlap: points with none of the other cloud within this don't take part; 0 for all.
     """
 
@@ -95,7 +94,7 @@ class SurfaceLoop:
         source: SurfaceCloud,
         T: FloatArray,
         stop: Stop,
-        correct: Correct | None = None,
+        correct: CorrectPair | None = None,
     ) -> SurfaceSolution:
         """Solve from T (4, 4).
 
@@ -104,17 +103,18 @@ class SurfaceLoop:
             source: M points.
             T: where to start.
             stop: asked between steps; the best pose so far is then the answer.
-            correct: improves normals that are fitted to both clouds; see Patches.
+            correct: improves normals that are fitted to both clouds, and weighs the points.
         """
         spacing = max(target.spacing, source.spacing)
         steps: list[Step] = []
         rest = self._narrowed(*self._cut(target, source, T), T, stop, steps)
+        alone = target, source
         fewer = min(len(target.arrays.points), len(source.arrays.points))
         for _ in range(self.together if fewer < _MANY and rest.apart else 0):
             if stop():
                 break
             T = rest.T_target_source
-            target, source = seen_together(target, source, T, correct)
+            target, source = seen_together(*alone, T, correct)
             rest = self._narrowed(*self._cut(target, source, T), T, stop, steps)
         T, ell, across, _, steady = rest
         x, z = self._cut(target, source, T)
@@ -231,7 +231,7 @@ class SurfaceSolution:
         products: ⟨X,X⟩, ⟨Z,Z⟩ and ⟨X,ĥZ⟩.
         curvature: at the answer.
         spread: (6, 6) variance of the gradient.
-        target: with the normals that it had in the end.
+        target: with the normals and weights that it had in the end.
         source: likewise.
     """
 

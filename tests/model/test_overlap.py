@@ -12,7 +12,7 @@ from scipy.spatial import KDTree
 
 from model.search import Hypotheses, Start, slid_poses, varied_start
 from model.search.consensus import MatchedPoints
-from model.surface import VIEW, SurfaceCloud, SurfaceLoop, overlapping, overlapping_view
+from model.surface import SurfaceCloud, SurfaceLoop, overlapping
 
 REACH = 0.12
 
@@ -58,22 +58,6 @@ def test_what_is_left_are_the_points_that_have_one_of_the_other_cloud_near(crops
     np.testing.assert_array_equal(rows(z, source), np.flatnonzero(near))
     assert len(x.arrays.points) < 0.9 * len(target.arrays.points)
     assert x.spacing == target.spacing
-
-
-def test_a_view_that_is_cut_holds_the_same_points_in_its_old_cells(crops):
-    target, source = crops
-    T = shifted(0.05, 0.01, 0.0)
-    x, z = overlapping(target, source, T, REACH)
-    view, moving = overlapping_view(target.at(VIEW * REACH), source.arrays, T, REACH)
-    np.testing.assert_array_equal(np.sort(view.cells.order), rows(x, target))
-    np.testing.assert_array_equal(moving.points, z.arrays.points)
-    np.testing.assert_array_equal(view.cells.points, view.arrays.points)
-    np.testing.assert_array_equal(view.arrays.points, target.arrays.points[view.cells.order])
-    cell = np.floor((view.cells.points - view.cells.low) / view.cells.size).astype(int)
-    cell = np.minimum(cell, view.cells.shape - 1)
-    flat = np.ravel_multi_index(cell.T, view.cells.shape)
-    counts = np.bincount(flat, minlength=len(view.cells.start) - 1)
-    np.testing.assert_array_equal(np.diff(view.cells.start), counts)
 
 
 def test_swapping_the_clouds_cuts_the_same_points(crops):

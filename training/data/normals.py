@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
+import torch
 from scipy.spatial import KDTree
+
+from training.data.shape import Shape
 
 FloatArray = npt.NDArray[np.float64]
 
@@ -31,3 +36,11 @@ def estimated_normals(points: FloatArray, neighbours: int = NEIGHBOURS) -> Float
     inward = np.einsum("pi,pi->p", normals, points - points.mean(axis=0)) < 0.0
     normals[inward] *= -1.0
     return normals
+
+
+def with_normals(shape: Shape) -> Shape:
+    """A shape with its own normals, or with those estimated from all its points."""
+    if shape.normals is not None:
+        return shape
+    estimated = estimated_normals(shape.points.double().numpy())
+    return replace(shape, normals=torch.from_numpy(estimated).float())

@@ -12,15 +12,16 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from model.normals.compiled_network import neighbours
-from model.surface.cells import cells_of
-from model.surface.patches import Patches, neighbour_reach
+from model.surface.patches import Planes
 from training.data.motion import Motion
-from training.data.normals import estimated_normals
+from training.data.normals import with_normals
 from training.data.perturbation import Perturbation, perturbed
 from training.data.seeding import Stream, derived_seed, torch_generator
 from training.data.shape import Shape, ShapeSet
 
 FloatArray = npt.NDArray[np.float64]
+IntArray = npt.NDArray[np.int64]
+Mask = npt.NDArray[np.bool_]
 
 # Points farther than this from the surface, in unit spheres, show nothing of it.
 _ON_SURFACE = 0.035
@@ -39,6 +40,7 @@ class LabelledCloud(NamedTuple):
         j: (E,) points near them.
         true_normals: (N, 3) of the surface; their signs mean nothing.
         on_surface: (N,) 1 for points that lie on it, 0 for outliers.
+        layer: (N,) which of two clouds that meet each is of; 0 in a cloud by itself.
     """
 
     points: Tensor
@@ -48,6 +50,43 @@ class LabelledCloud(NamedTuple):
     j: Tensor
     true_normals: Tensor
     on_surface: Tensor
+    layer: Tensor
+
+    @property
+    def graph(self) -> tuple[Tensor, ...]:
+        """The network's arguments."""
+        return self.points, self.normals, self.spacing, self.i, self.j, self.layer
+
+    @classmethod
+    def of(
+        cls, points: FloatArray, true_normals: FloatArray, on_surface: Mask, layer: IntArray
+    ) -> LabelledCloud:
+        """Fit normals to points (N, 3).
+
+        Args:
+            points: in any order.
+            true_normals: (N, 3) of the surface there.
+            on_surface: (N,).
+            layer: (N,).
+
+        Returns:
+            the cloud in the given order.
+        """
+        planes = Planes.of(points)
+        order = planes.cells.order
+        start, rows = neighbours(planes.cells, planes.reach)
+        fitted = np.empty_like(points)
+        fitted[order] = planes.normals
+        return cls(
+            torch.from_numpy(points).float(),
+            torch.from_numpy(fitted).float(),
+            torch.full((len(points),), planes.spacing),
+            torch.from_numpy(order[np.repeat(np.arange(len(points)), np.diff(start))]),
+            torch.from_numpy(order[rows]),
+            torch.from_numpy(true_normals).float(),
+            torch.from_numpy(on_surface).float(),
+            torch.from_numpy(layer),
+        )
 
     @classmethod
     def joined(cls, clouds: Sequence[LabelledCloud]) -> LabelledCloud:
@@ -95,14 +134,10 @@ def labelled_clouds(sources: Sequence[ShapeSet], count: int, seed: int) -> Itera
 def labelled_cloud(
     shape: Shape, perturbation: Perturbation, generator: torch.Generator
 ) -> LabelledCloud | None:
-    """Draw points, spoil them, turn them, fit normals; None where too few are left.
-
-    A shape without normals gets those of all its points, which are many more than the cloud's.
-    """
-    dense = shape.points
-    normals = shape.normals
-    if normals is None:
-        normals = torch.from_numpy(estimated_normals(dense.double().numpy())).float()
+    """Draw points, spoil them, turn them, fit normals; None where too few are left."""
+    shape = with_normals(shape)
+    dense, normals = shape.points, shape.normals
+    assert normals is not None
     low, high = perturbation.target_points
     # Few points are as frequent as many: the logarithm is uniform.
     share = float(torch.rand((), generator=generator))
@@ -110,22 +145,13 @@ def labelled_cloud(
     points, true = perturbed(dense[rows], normals[rows], perturbation, generator)
     if len(points) < _FEWEST or true is None:
         return None
-    away, _ = KDTree(dense.numpy()).query(points.numpy())
-    R = _ANY_TURN.draw(generator)[:3, :3].double().numpy()
-    return _labelled(points.double().numpy() @ R.T, true.double().numpy() @ R.T, away < _ON_SURFACE)
+    x, R = points.double().numpy(), _ANY_TURN.draw(generator)[:3, :3].double().numpy()
+    on_surface = lie_on_surface(x, dense.double().numpy())
+    alone = np.zeros(len(x), np.int64)
+    return LabelledCloud.of(x @ R.T, true.double().numpy() @ R.T, on_surface, alone)
 
 
-def _labelled(x: FloatArray, true: FloatArray, near: npt.NDArray[np.bool_]) -> LabelledCloud:
-    patches = Patches.of(np.ascontiguousarray(x))
-    cells = cells_of(patches.points, neighbour_reach(patches.spacing))
-    start, rows = neighbours(cells, neighbour_reach(patches.spacing))
-    order = cells.order
-    return LabelledCloud(
-        torch.from_numpy(x[order]).float(),
-        torch.from_numpy(patches.normals[order]).float(),
-        torch.full((len(x),), patches.spacing),
-        torch.from_numpy(np.repeat(np.arange(len(x)), np.diff(start))),
-        torch.from_numpy(rows.astype(np.int64)),
-        torch.from_numpy(true[order]).float(),
-        torch.from_numpy(near[order]).float(),
-    )
+def lie_on_surface(points: FloatArray, surface: FloatArray) -> Mask:
+    """(N,) which of points (N, 3) show something of a surface that is given by its own (P, 3)."""
+    near: Mask = KDTree(surface).query(points)[0] < _ON_SURFACE
+    return near

@@ -19,6 +19,8 @@ FloatArray = npt.NDArray[np.float64]
 
 _GLANCE, _POINTS, _SEEN, _VERDICT = 16, 24, 16, 24
 _STEPS, _PAIRS = 2500, 24
+# Of a pair's poses, which are three dozen, as many are looked at in a step; others in the next.
+_POSES = 16
 _RATE = 6e-3
 # Few pairs and much freedom: weight decay, noise on the evidence, and another half of the points at
 # each step keep the networks smooth.
@@ -162,7 +164,7 @@ def _train(networks: _Networks, pairs: Sequence[_Poses], random: np.random.Gener
     schedule = torch.optim.lr_scheduler.OneCycleLR(optimizer, _RATE, total_steps=_STEPS)
     for _ in range(_STEPS):
         chosen = random.choice(len(pairs), min(_PAIRS, len(pairs)), replace=False)
-        batch = _joined([pairs[i] for i in chosen])
+        batch = _joined([_thinned(pairs[i], random) for i in chosen])
         count = batch.contacts.shape[2]
         half = torch.from_numpy(random.choice(count, count // 2, replace=False))
         values = batch.values + _NOISE * networks.scale * torch.randn_like(batch.values)
@@ -174,6 +176,15 @@ def _train(networks: _Networks, pairs: Sequence[_Poses], random: np.random.Gener
         torch.as_tensor(loss).backward()
         optimizer.step()
         schedule.step()
+
+
+def _thinned(pair: _Poses, random: np.random.Generator) -> _Poses:
+    """Some poses of a pair, anew at each step; the solved one is the last and may be among them."""
+    count = len(pair.right)
+    if count <= _POSES:
+        return pair
+    rows = torch.from_numpy(random.choice(count, _POSES, replace=False))
+    return _Poses(*(part[rows] for part in pair))
 
 
 def _joined(pairs: Sequence[_Poses]) -> _Poses:
