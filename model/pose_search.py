@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -14,6 +14,7 @@ from model.search import (
     Candidates,
     Holding,
     Hypotheses,
+    SearchSettings,
     Start,
     flipped_poses,
     grid_start,
@@ -23,6 +24,7 @@ from model.search import (
     shifted_poses,
     slid_poses,
     support_of,
+    turned_apart,
     varied_start,
 )
 from model.settings import RegistrarSettings
@@ -74,11 +76,8 @@ class PoseSearch:
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
         spacing = self.pair.sparse_spacing
         candidates = self._slid(candidates, thorough)
-        if settings.shifts and (thorough or self._loose(candidates)):
-            shifts = partial(shifted_poses, target=x.sparse, source=z.sparse, spacing=spacing)
-            best = candidates.poses[: settings.shifts]
-            start = varied_start(start, "shift", shifts, best, farthest)
-            candidates = self._slid(self._also(candidates, start), thorough)
+        if thorough or self._loose(candidates):
+            start, candidates = self._shifted(start, candidates, thorough)
         if settings.flips and (thorough or self._doubtful(candidates)):
             flips = partial(flipped_poses, target=x.sparse, source=z.sparse)
             best = candidates.poses[: settings.flips]
@@ -91,6 +90,8 @@ class PoseSearch:
             if wanted and self._doubtful(candidates):
                 start = more(start, x.function, z.function, spacing, farthest, settings)
                 candidates = self._slid(self._also(candidates, start), False)
+        if self._doubtful(candidates):
+            candidates = self._shifted(start, candidates, False)[1]
         return candidates
 
     def evidence_at(self, T: FloatArray, closely: bool) -> Evidence:
@@ -159,13 +160,15 @@ class PoseSearch:
         compared = np.full(len(refined) - 1, -np.inf)
         return Candidates(refined, np.concatenate([[0.0], compared]), self.start.tried)
 
-    def _refined(self, start: Start) -> Candidates:
-        refined = self._stepped(start)
+    def _refined(self, start: Start, search: SearchSettings | None = None) -> Candidates:
+        refined = self._stepped(start, search)
         score = self.log_odds_at(refined.T_target_source.double().numpy())
         return self._distinct(Candidates(refined, score, start.tried))
 
-    def _also(self, candidates: Candidates, start: Start) -> Candidates:
-        return self._distinct(candidates.joined(self._refined(start)))
+    def _also(
+        self, candidates: Candidates, start: Start, search: SearchSettings | None = None
+    ) -> Candidates:
+        return self._distinct(candidates.joined(self._refined(start, search)))
 
     def _slid(self, candidates: Candidates, thorough: bool) -> Candidates:
         """Where a doubt is left, also what the best become when they slide along the surfaces.
@@ -183,15 +186,31 @@ class PoseSearch:
         score = self.log_odds_at(slid.T_target_source.double().numpy())
         return self._distinct(candidates.joined(Candidates(slid, score, candidates.tried)))
 
+    def _shifted(
+        self, start: Start, candidates: Candidates, thorough: bool
+    ) -> tuple[Start, Candidates]:
+        """With the best, each turned as it is, where the most surface meets."""
+        settings = self.settings.hypotheses_for(self.options.search)
+        if not settings.shifts:
+            return start, candidates
+        x, z, spacing = self.pair.target.sparse, self.pair.source.sparse, self.pair.sparse_spacing
+        shifts = partial(shifted_poses, target=x, source=z, spacing=spacing)
+        best = turned_apart(candidates.poses, self.settings.search.merge_angle_deg)
+        farthest = self.options.max_rotation_deg
+        start = varied_start(start, "shift", shifts, best[: settings.shifts], farthest)
+        # Wide kernels would lead back along the surfaces.
+        last = replace(self.settings.search, levels=self.settings.search.levels[-1:])
+        return start, self._slid(self._also(candidates, start, last), thorough)
+
     def _distinct(self, candidates: Candidates) -> Candidates:
         return candidates.distinct(*self.settings.search.merging(self.pair.sparse_spacing))
 
-    def _stepped(self, start: Start) -> Hypotheses:
+    def _stepped(self, start: Start, search: SearchSettings | None = None) -> Hypotheses:
         return refine(
             start,
             self.pair.target.sparse,
             self.pair.source.sparse,
-            self.settings.search,
+            search or self.settings.search,
             self._at_a_glance,
             self.options.max_rotation_deg,
             self.options.seed,

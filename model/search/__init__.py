@@ -3,7 +3,7 @@
 from model.search.candidates import Candidates, SearchSettings, refine
 from model.search.consensus import support_of
 from model.search.flips import flipped_poses
-from model.search.hypotheses import KINDS, Hypotheses, is_among, within
+from model.search.hypotheses import KINDS, Hypotheses, is_among, turned_apart, within
 from model.search.hypothesise import (
     HypothesisSettings,
     Start,
@@ -34,6 +34,7 @@ __all__ = [
     "shifted_poses",
     "slid_poses",
     "support_of",
+    "turned_apart",
     "varied_start",
     "within",
 ]

@@ -128,3 +128,13 @@ def _near(T: FloatArray, S: FloatArray, chord: float, distance: float) -> bool:
         for b in range(3):
             turned += (T[a, b] - S[a, b]) ** 2
     return turned < chord * chord and apart < distance * distance
+
+
+def turned_apart(T: FloatArray, angle_deg: float) -> FloatArray:
+    """Of poses (K, 4, 4), the best first, those that turn otherwise than all better ones."""
+    kept: list[FloatArray] = []
+    for pose in T:
+        off = [float(np.trace(pose[:3, :3].T @ other[:3, :3])) for other in kept]
+        if all(0.5 * (trace - 1.0) < np.cos(np.radians(angle_deg)) for trace in off):
+            kept.append(pose)
+    return np.stack(kept)

@@ -86,7 +86,7 @@ class SurfaceLoop:
     least_across: float = 0.08
     tolerance: float = 1e-5
     together: int = 3
-    overlap: float = 1.2
+    overlap: float = 1.0
 
     def solve(
         self,
