@@ -36,9 +36,9 @@ def test_clouds_of_a_seed_are_always_the_same_and_their_normals_are_the_surface_
 def test_joined_clouds_are_answered_as_each_by_itself(clouds):
     network = fit_normals(clouds[:4], 2, 0, lambda: None, rounds=2, hidden=8, memory=4)
     joined = LabelledCloud.joined(clouds[:2])
-    together = network(joined.points, joined.normals, joined.spacing, joined.i, joined.j)[-1]
+    together = network(*joined.graph).normals[-1]
     first = clouds[0]
-    alone = network(first.points, first.normals, first.spacing, first.i, first.j)[-1]
+    alone = network(*first.graph).normals[-1]
     cosine = (together[: len(alone)] * alone).sum(1).abs()
     present = first.normals.norm(dim=1) > 0.0
     torch.testing.assert_close(cosine[present], torch.ones(int(present.sum())))
@@ -50,10 +50,17 @@ def test_a_short_training_already_beats_fitted_normals(clouds):
     assert median_angle_deg(network, unseen) < 0.92 * median_angle_deg(None, unseen)
 
 
-def test_the_command_rewrites_an_artifact(tmp_path: Path, capsys):
+def test_the_command_trains_either_network_of_an_artifact(tmp_path: Path, capsys):
     place = tmp_path / "artifact"
     save_artifact(replace(load_artifact(), normals=None), place)
     arguments = [str(place), "--clouds", "4", "--held-out", "2", "--steps", "3", "--rounds", "2"]
     assert normals_command(arguments) == 0
     assert load_artifact(place).normals is not None
     assert "held-out clouds" in capsys.readouterr().err
+    assert load_artifact(place).pair_normals is not None
+    arguments = [str(place), "--of", "pairs", "--count", "4", "--held-out", "2", "--steps", "3"]
+    assert normals_command([*arguments, "--hidden", "20"]) == 0
+    trained = load_artifact(place).pair_normals
+    assert trained is not None
+    assert trained.architecture == {"rounds": 3, "hidden": 20, "memory": 8, "layers": 2}
+    assert "held-out pairs' poses" in " ".join(capsys.readouterr().err.split())
