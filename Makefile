@@ -10,7 +10,7 @@ ARTIFACT ?=
 HOST ?= 127.0.0.1
 PORT ?= 8000
 
-.PHONY: help setup demo test check serve fit clean
+.PHONY: help setup demo test check serve fit artifact clean
 
 help: ## Say what each target does
 	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 8
@@ -37,6 +37,9 @@ serve: $(READY) ## Serve the shipped artifact, or ARTIFACT=DIR, on HOST and PORT
 
 fit: $(READY) ## Train by CONFIG=configs/quickstart.yaml
 	@$(BIN)/equivalign fit -c $(or $(CONFIG),configs/quickstart.yaml)
+
+artifact: $(READY) ## Train the shipped artifact from nothing into runs/artifact; about two hours on two cores
+	@PATH="$(CURDIR)/$(BIN):$$PATH" scripts/train_artifact.sh
 
 clean: ## Remove .venv and everything that was generated
 	rm -rf .venv runs demo build dist *.egg-info .mypy_cache .pytest_cache .ruff_cache .import_linter_cache
