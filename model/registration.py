@@ -18,6 +18,7 @@ from model.encoder.compiled_graph import compiled_encoder
 from model.kernel import RkhsKernel
 from model.last_stage import Solved, last_stage
 from model.normals import CompiledNormals
+from model.nudges import nudged
 from model.options import Options
 from model.pair import GivenPair, Pair, Prepare, PreparedTarget
 from model.pose_search import PoseSearch
@@ -253,10 +254,12 @@ class Registrar:
             return stage.solve(pair.target, pair.source, T, always)
 
         solved = side_by_side(solve, candidates.contenders(self._judge.CLOSE))
-        best = pose_search.best_of(np.stack([found.T_target_source for found in solved]))
+        best = solved[pose_search.best_of(np.stack([found.T_target_source for found in solved]))]
+        if options.solver == "surface":
+            best = nudged(pose_search, stage, best, settings.nudges)
         guess = pair.initial(options.initial)
-        if guess is None or not _guess_is_better(pose_search, solved[best], guess.numpy()):
-            return solved[best]
+        if guess is None or not _guess_is_better(pose_search, best, guess.numpy()):
+            return best
         return stage.solve(pair.target, pair.source, guess.numpy(), always)
 
     def _result(self, pair: Pair, found: Diagnosis, stopwatch: Stopwatch) -> RegistrationResult:

@@ -29,6 +29,7 @@ class RegistrarSettings:
         learned_normals: whether the artifact's network corrects the fitted normals, if it has one.
         surface: Gauss–Newton and Newton steps on the surface kernel, as the last stage.
         surface_features: whether the features take part in that.
+        nudges: how often its answer for sparse clouds slides on where the judge clearly gains.
         procrustes: the closed-form inner loop, as the last stage.
         gradient: the paper's inner loop, as the last stage.
     """
@@ -42,6 +43,7 @@ class RegistrarSettings:
     learned_normals: bool = True
     surface: SurfaceLoop = field(default_factory=SurfaceLoop)
     surface_features: bool = False
+    nudges: int = 3
     procrustes: ProcrustesLoop = field(
         default_factory=lambda: ProcrustesLoop(lengthscale=0.05, lengthscale_end=0.02)
     )

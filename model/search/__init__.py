@@ -14,10 +14,11 @@ from model.search.hypothesise import (
     varied_start,
 )
 from model.search.shifts import shifted_poses
-from model.search.slides import Holding, slid_poses
+from model.search.slides import NUDGES, Holding, slid_poses
 
 __all__ = [
     "KINDS",
+    "NUDGES",
     "Candidates",
     "Holding",
     "Hypotheses",

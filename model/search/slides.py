@@ -6,6 +6,7 @@ on surface; how the ends of the clouds meet then tells which is right, and the j
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,7 +20,9 @@ FloatArray = npt.NDArray[np.float64]
 # Motions that surfaces resist least; the others are held well enough.
 _AXES = 2
 # How far points move, root mean square, in spacings, either way; turns move them a little less.
-_STEPS = (0.7, 1.4, 2.1, 3.0)
+SLIDES = (0.7, 1.4, 2.1, 3.0)
+# The same of a pose that is solved already, and may have come to rest beside the true one.
+NUDGES = (0.25, 0.5, 0.75)
 # Points with none of the other cloud within so many spacings don't resist.
 _OVERLAP = 1.2
 
@@ -74,7 +77,11 @@ class Holding(NamedTuple):
 
 
 def slid_poses(
-    T: FloatArray, target: SurfaceCloud, source: SurfaceCloud, spacing: float
+    T: FloatArray,
+    target: SurfaceCloud,
+    source: SurfaceCloud,
+    spacing: float,
+    steps: Sequence[float] = SLIDES,
 ) -> FloatArray:
     """T (4, 4), moved both ways along the motions that change heights above the surfaces least.
 
@@ -83,10 +90,11 @@ def slid_poses(
         target: N points.
         source: M points.
         spacing: of the clouds.
+        steps: how far, in spacings.
 
     Returns:
-        (16, 4, 4).
+        (4 S, 4, 4) of S steps.
     """
     held = Holding.of(T, target, source, spacing)
-    steps = spacing * np.concatenate([_STEPS, np.negative(_STEPS)])
-    return np.stack([held.moved(axis, step) for axis in range(_AXES) for step in steps]) @ T
+    both_ways = spacing * np.concatenate([steps, np.negative(steps)])
+    return np.stack([held.moved(axis, by) for axis in range(_AXES) for by in both_ways]) @ T

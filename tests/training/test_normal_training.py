@@ -53,7 +53,7 @@ def test_a_short_training_already_beats_fitted_normals(clouds):
 def test_the_command_trains_either_network_of_an_artifact(tmp_path: Path, capsys):
     place = tmp_path / "artifact"
     save_artifact(replace(load_artifact(), normals=None), place)
-    arguments = [str(place), "--clouds", "4", "--held-out", "2", "--steps", "3", "--rounds", "2"]
+    arguments = [str(place), "--count", "4", "--held-out", "2", "--steps", "3", "--rounds", "2"]
     assert normals_command(arguments) == 0
     assert load_artifact(place).normals is not None
     assert "held-out clouds" in capsys.readouterr().err
