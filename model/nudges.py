@@ -10,8 +10,10 @@ from dataclasses import replace
 
 from model.deadline import always
 from model.last_stage import LastStage, Solved
+from model.pair import Pair
 from model.pose_search import PoseSearch
-from model.search import NUDGES, slid_poses
+from model.search import FEWEST, NUDGES, slid_poses
+from model.surface import Meeting
 
 # Clouds of more points hold their poses.
 _FEW = 700
@@ -22,8 +24,8 @@ _CLEARLY = 1.0
 def nudged(search: PoseSearch, stage: LastStage, solved: Solved, rounds: int) -> Solved:
     """Slide a solved pose a little and solve it again, as long as the judge clearly gains.
 
-    Where solving leads back, the pose that slid stays as it is. A judge that hasn't learned how
-    ends of clouds meet isn't asked.
+    Where solving leads back, the pose that slid stays as it is. Clouds that share their points are
+    held by these, and a judge that hasn't learned how ends of clouds meet isn't asked.
 
     Args:
         search: of the pair.
@@ -32,9 +34,9 @@ def nudged(search: PoseSearch, stage: LastStage, solved: Solved, rounds: int) ->
         rounds: at most this many slides; 0 leaves the pose alone.
     """
     pair, stop = search.pair, search.options.deadline.passed
-    clouds = pair.target.dense.arrays.points, pair.source.dense.arrays.points
-    local = search.options.search == "local"
-    if local or not search.judge.CLOSELY or min(map(len, clouds)) >= _FEW:
+    if search.options.search == "local" or not search.judge.CLOSELY:
+        return solved
+    if not _are_sparse_samples(pair, solved):
         return solved
     log_odds = float(search.log_odds_at(solved.T_target_source[None])[0])
     for _ in range(rounds):
@@ -62,3 +64,12 @@ def nudged(search: PoseSearch, stage: LastStage, solved: Solved, rounds: int) ->
             solved = replace(there, converged=again.converged)
             log_odds = float(beside[best])
     return solved
+
+
+def _are_sparse_samples(pair: Pair, solved: Solved) -> bool:
+    target, source = pair.target.dense, pair.source.dense
+    fewer = min(len(target.arrays.points), len(source.arrays.points))
+    if not FEWEST <= fewer < _FEW:
+        return False
+    meeting = Meeting.of(target, source, solved.T_target_source)
+    return meeting is not None and meeting.apart

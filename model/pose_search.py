@@ -11,6 +11,7 @@ import numpy.typing as npt
 from model.options import Options
 from model.pair import Pair
 from model.search import (
+    FEWEST,
     Candidates,
     Holding,
     Hypotheses,
@@ -132,6 +133,11 @@ class PoseSearch:
         """
         return is_among(T, poses, *self.settings.search.merging(self.pair.sparse_spacing))
 
+    def _has_few_points(self) -> bool:
+        """Whether either cloud has too few points for anyone to see where it ends."""
+        clouds = (self.pair.target, self.pair.source)
+        return any(len(cloud.sparse.arrays.points) < FEWEST for cloud in clouds)
+
     def _has_seen_few(self) -> bool:
         """Whether both clouds have many more points than the judge looks at."""
         clouds = (self.pair.target, self.pair.source)
@@ -176,7 +182,8 @@ class PoseSearch:
         These are judged where they are: steps would lead back.
         """
         settings = self.settings.hypotheses_for(self.options.search)
-        if not settings.slides or not (thorough or self._doubtful(candidates)):
+        wanted = settings.slides > 0 and not self._has_few_points()
+        if not wanted or not (thorough or self._doubtful(candidates)):
             return candidates
         x, z, farthest = self.pair.target, self.pair.source, self.options.max_rotation_deg
         best = candidates.poses[: settings.slides]
@@ -191,7 +198,7 @@ class PoseSearch:
     ) -> tuple[Start, Candidates]:
         """With the best, each turned as it is, where the most surface meets."""
         settings = self.settings.hypotheses_for(self.options.search)
-        if not settings.shifts:
+        if not settings.shifts or self._has_few_points():
             return start, candidates
         x, z, spacing = self.pair.target.sparse, self.pair.source.sparse, self.pair.sparse_spacing
         shifts = partial(shifted_poses, target=x, source=z, spacing=spacing)

@@ -14,9 +14,10 @@ from model.search.hypothesise import (
     varied_start,
 )
 from model.search.shifts import shifted_poses
-from model.search.slides import NUDGES, Holding, slid_poses
+from model.search.slides import FEWEST, NUDGES, Holding, slid_poses
 
 __all__ = [
+    "FEWEST",
     "KINDS",
     "NUDGES",
     "Candidates",

@@ -17,6 +17,8 @@ from model.surface import SurfaceCloud, overlapping
 
 FloatArray = npt.NDArray[np.float64]
 
+# Clouds of fewer points have no ends that could be seen.
+FEWEST = 60
 # Motions that surfaces resist least; the others are held well enough.
 _AXES = 2
 # How far points move, root mean square, in spacings, either way; turns move them a little less.

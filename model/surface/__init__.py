@@ -5,6 +5,7 @@ from model.surface.cells import Cells, cells_of
 from model.surface.cloud import CellView, SurfaceCloud, nearest_others
 from model.surface.curvature import SurfaceCurvature, surface_curvature
 from model.surface.descent import Descent, descend
+from model.surface.meeting import Meeting
 from model.surface.moments import REACH, VIEW, SurfaceMoments, surface_moments
 from model.surface.near_pairs import NearPairs, near_pairs
 from model.surface.newton import newton_polish
@@ -22,6 +23,7 @@ __all__ = [
     "Correct",
     "CorrectPair",
     "Descent",
+    "Meeting",
     "NearPairs",
     "Patches",
     "SurfaceArrays",

@@ -14,6 +14,9 @@ from model.surface.rigid import moved
 
 # Points farther apart than this many spacings don't meet.
 _NEAR = 1.2
+# Independent samples of a surface have their nearest points √(ln 2/π) = 0.47 spacings apart in the
+# median; clouds that meet more closely than this share their points.
+_SHARED = 0.3
 # As many points must meet for a median to mean anything, or a third of a tiny cloud.
 _FEWEST = 20
 
@@ -25,21 +28,25 @@ class Meeting:
     Attributes:
         distance: median distance to the nearest.
         height: median height above the nearest's plane.
+        apart: whether the clouds are independent samples, and don't share their points.
     """
 
     distance: float
     height: float
+    apart: bool
 
     @classmethod
     def of(cls, target: SurfaceCloud, source: SurfaceCloud, T: FloatArray) -> Meeting | None:
         """Measure at T (4, 4); None where too few points meet to say."""
-        reach = _NEAR * max(target.spacing, source.spacing)
+        spacing = max(target.spacing, source.spacing)
+        reach = _NEAR * spacing
         view = target.at(reach)
         distance, height = nearest(view.cells, view.arrays, source.arrays, T, reach)
         near = distance < reach
         if int(near.sum()) < max(3, min(_FEWEST, len(near) // 3)):
             return None
-        return cls(float(np.median(distance[near])), float(np.median(height[near])))
+        median = float(np.median(distance[near]))
+        return cls(median, float(np.median(height[near])), median > _SHARED * spacing)
 
 
 @compiled

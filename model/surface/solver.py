@@ -31,9 +31,6 @@ _SMALL = 4000
 # The last ℓ may take this many times the steps of the others to come to rest.
 _LAST_STEPS = 2
 _MANY, _WIDEST = 700, 2.0
-# Independent samples of a surface have their nearest points √(ln 2/π) = 0.47 spacings apart in the
-# median; clouds that meet more closely than this share their points.
-_SHARED = 0.3
 # Where rough surfaces are sampled independently, few pairs lie on each other's planes, and those
 # tell the pose: ℓ_n is this much sharper there. On smooth ones all do, and average their noise.
 _SHARPER = 0.4
@@ -165,7 +162,7 @@ class SurfaceLoop:
             meeting = Meeting.of(target, source, T)
             if meeting is None or stop():
                 break
-            apart = meeting.distance > _SHARED * spacing
+            apart = meeting.apart
             growth = self.growth * (wide if apart else 1.0)
             growth_across = self.growth_across * (sharper if apart else 1.0)
             ell = float(np.clip(growth * meeting.distance, self.least * spacing, ell))

@@ -104,3 +104,12 @@ def test_without_a_judge_that_learned_the_pose_stays(registrars):
         for registrar in registrars
     ]
     np.testing.assert_array_equal(*(answer.T_target_source for answer in answers))
+
+
+def test_clouds_that_share_their_points_are_held_by_them(registrars, pose):
+    x = sparse_pair(2)[1]
+    T = pose(3, 70.0).numpy()
+    moved = x @ T[:3, :3].T + T[:3, 3]
+    for points in (x, x[:30]):
+        found = registrars[0].register(points, moved[: len(points)])
+        np.testing.assert_allclose(found.T_target_source, T, atol=1e-4)
