@@ -32,13 +32,31 @@ def degenerate_directions(points: FloatArray, normals: FloatArray | None = None)
     """
     if len(points) < _ENOUGH:
         return []
-    centred = points - points.mean(axis=0)
-    radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-    normals = _normals(centred) if normals is None else normals
-    motion = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
-    values, axes = np.linalg.eigh(motion.T @ motion / len(points))
+    normals = _normals(points - points.mean(axis=0)) if normals is None else normals
+    values, axes, _, _ = resistance(points, normals)
     free = values < _FREE * values[-1]
     return _in_words(axes[:, free])
+
+
+def resistance(
+    points: FloatArray, normals: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """How much each motion of a surface moves its points across it, the least resisted first.
+
+    Args:
+        points: (N, 3).
+        normals: (N, 3).
+
+    Returns:
+        mean square heights (6,); columns (ρ, radius · φ) of unit length (6, 6); the centre (3,) of
+        the turns, which is the centroid; the radius of the points about it.
+    """
+    centre = points.mean(axis=0)
+    centred = points - centre
+    radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
+    heights = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
+    values, axes = np.linalg.eigh(heights.T @ heights / len(points))
+    return values, axes, centre, radius
 
 
 def _normals(points: FloatArray) -> FloatArray:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from model.degeneracy import resistance
 from model.search.flips import turn
 from model.surface import SurfaceCloud, overlapping
 
@@ -57,12 +58,8 @@ class Holding(NamedTuple):
         R = T[:3, :3]
         points = np.concatenate([x.arrays.points, z.arrays.points @ R.T + T[:3, 3]])
         normals = np.concatenate([x.arrays.normals, z.arrays.normals @ R.T])
-        centre = points.mean(axis=0)
-        centred = points - centre
-        radius = float(np.sqrt(np.mean(np.sum(centred**2, axis=1))))
-        heights = np.concatenate([normals, np.cross(centred / radius, normals)], axis=1)
-        resistance, axes = np.linalg.eigh(heights.T @ heights / len(points))
-        return cls(axes.T, resistance, centre, radius)
+        values, axes, centre, radius = resistance(points, normals)
+        return cls(axes.T, values, centre, radius)
 
     @property
     def is_weak(self) -> bool:
